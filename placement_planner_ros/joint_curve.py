@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,22 @@ class JointCurve:
     joints: tuple[str, ...]
     times: Array
     positions: Array
+
+    @classmethod
+    def of(cls, message: Any) -> JointCurve:
+        """Of a JointTrajectory with points.
+
+        Raises:
+            ValueError: its points do not fit its joints, or are not finite, or not in order.
+        """
+        points, joints = message.points, tuple(message.joint_names)
+        times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+        positions = np.array([p.positions for p in points], dtype=np.float64)
+        if positions.shape != (len(points), len(joints)):
+            raise ValueError(f"its points do not fit its {len(joints)} joints")
+        if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
+            raise ValueError("its points are not finite, or not in order")
+        return cls(joints, times, positions)
 
     @property
     def duration(self) -> float:

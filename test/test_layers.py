@@ -123,6 +123,7 @@ LOADED_BY_VIEW = {
     "ros.inputs",
     "interrupts",
     "joint_curve",
+    "playback",
     "share",
 }
 

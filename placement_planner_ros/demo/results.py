@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import Pose
-from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution
 from placement_planner_ros.demo.errors import DemoError
@@ -20,9 +18,9 @@ from placement_planner_ros.pictures.animation import (
     draw_animation,
     draw_before_and_after,
 )
-from placement_planner_ros.pictures.motion import RecordedMotion
 from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.stage_set import StageSet
+from placement_planner_ros.playback import Playback
 from placement_planner_ros.progress import ProgressLine
 
 
@@ -68,7 +66,9 @@ def write_results(
     )
     try:
         line.show("  drawing the picture", always=True)
-        shown = StageSet(_motion(setting, best), setting.scene, setting.vertices, setting.triangles)
+        hand = setting.arm(best.arm).touch_links
+        body = setting.vertices, setting.triangles
+        shown = StageSet(playback_of(setting, best), setting.robot, hand, setting.scene, body)
         draw_before_and_after(
             placement, shown, f"{setting.title}: {objective} {best.objective:.4f}"
         )
@@ -99,26 +99,23 @@ def unwritten(folder: Path, error: OSError) -> DemoError:
     )
 
 
-def _motion(setting: Setting, best: Solution) -> RecordedMotion:
-    arm = setting.arm(best.arm)
+def playback_of(setting: Setting, best: Solution) -> Playback:
+    """The solution's motion, from where the robot of the setting stands."""
+    robot, arm = setting.robot, setting.arm(best.arm)
     retreat = best.retreat_trajectory
-    return RecordedMotion(
-        setting.robot,
-        arm,
-        setting.q_start,
-        arm.grasps[best.grasp],
-        pose_of(best.pose.pose),
-        _curve(best.trajectory),
+    start = zip(robot.joint_names, setting.q_start.tolist(), strict=True)
+    return Playback(
+        lambda positions: {
+            arm.tip_frame: robot.link_pose(robot.configuration(positions), arm.tip_frame)
+        },
+        arm.tip_frame,
+        dict(start),
+        JointCurve.of(best.trajectory),
         best.approach_start,
-        _curve(retreat) if retreat is not None else None,
+        dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
+        None if retreat is None else JointCurve.of(retreat),
+        pose_of(best.pose.pose),
     )
-
-
-def _curve(message: JointTrajectory) -> JointCurve:
-    points: Sequence = message.points
-    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
-    positions = np.array([point.positions for point in points])
-    return JointCurve(tuple(message.joint_names), np.array(times), positions)
 
 
 def pose_of(message: Pose) -> pin.SE3:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.pictures.motion import MotionMoment, RecordedMotion
 from placement_planner_ros.pictures.picture import (
     OVERSAMPLING,
     PLACED,
@@ -22,6 +22,7 @@ from placement_planner_ros.pictures.picture import (
 )
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
+from placement_planner_ros.playback import Playback, PlaybackMoment
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
 from placement_planner_ros.scenes.single_mesh import ring_triangles
@@ -39,52 +40,57 @@ class StageSet:
     """A scene with a robot and an object in motion, ready to be drawn at any moment.
 
     Args:
-        body_vertices, body_triangles: (n, 3) and (t, 3), the object in its own frame.
+        hand_links: links in the darker colour.
+        body: vertices (n, 3) and triangles (t, 3) of the object in its own frame.
     """
 
     def __init__(
         self,
-        motion: RecordedMotion,
+        motion: Playback,
+        robot: Robot,
+        hand_links: Sequence[str],
         scene: Scene,
-        body_vertices: Array,
-        body_triangles: Triangles,
+        body: tuple[Array, Triangles],
     ) -> None:
-        self.motion = motion
-        self._body = body_vertices, body_triangles
-        self._robot = RobotShapes(motion.robot, motion.arm.touch_links)
+        self.motion, self._body = motion, body
+        self._robot, self._shapes = robot, RobotShapes(robot, hand_links)
         self._things = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
         first, last = motion.at(0.0), motion.at(motion.duration)
-        shown = self._shown(motion, scene.volume)
+        shown = self._shown(scene.volume)
         moments = [last, last, first, *(motion.at(s * motion.duration) for s in (0.4, 0.7))]
         self.view = self._best_view(shown, moments)
-        placed = moved(body_vertices, last.T_world_object)
+        placed = moved(body[0], last.T_world_object)
         self._things = see_through(self.view, placed, self._things)
-        self._link_hides = hiding(self.view, placed, self._robot.at(last.q))
+        self._link_hides = hiding(self.view, placed, self._links(last))
         solid = [mesh for mesh in self._things if mesh.alpha == 1.0]
         marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
         self._behind = render(self.view, joined([*solid, *marks]))
 
-    def draw(self, moment: MotionMoment) -> Image:
+    def draw(self, moment: PlaybackMoment) -> Image:
         """The picture of that moment."""
-        links = translucent(self._robot.at(moment.q), self._link_hides)
+        links = translucent(self._links(moment), self._link_hides)
         glass = [mesh for mesh in self._things if mesh.alpha < 1.0]
         return render(self.view, [*joined(links), self._thing(moment), *glass], self._behind)
 
-    def _thing(self, moment: MotionMoment) -> Mesh:
+    def _links(self, moment: PlaybackMoment) -> list[Mesh]:
+        return self._shapes.at(self._robot.configuration(moment.positions))
+
+    def _thing(self, moment: PlaybackMoment) -> Mesh:
         return Mesh(moved(self._body[0], moment.T_world_object), self._body[1], PLACED)
 
-    def _shown(self, motion: RecordedMotion, volume: TargetVolume) -> Array:
+    def _shown(self, volume: TargetVolume) -> Array:
         """(n, 3) points that the picture has to hold."""
+        motion = self.motion
         first, last = motion.at(0.0), motion.at(motion.duration)
         must = [box_corners(volume.lower, volume.upper), motion.path()]
         must += [self._thing(moment).vertices for moment in (first, last)]
-        meshes = [*self._things, *self._robot.at(first.q), *self._robot.at(last.q)]
+        meshes = [*self._things, *self._links(first), *self._links(last)]
         return with_surroundings(np.vstack(must), meshes, _NEAR)
 
-    def _best_view(self, shown: Array, moments: Sequence[MotionMoment]) -> Viewpoint:
+    def _best_view(self, shown: Array, moments: Sequence[PlaybackMoment]) -> Viewpoint:
         """The one in which most of the object, over the moments, and of its way is seen."""
         path = tube(self.motion.path(), _PATH_RADIUS, PATH)
-        scenes = [(joined(self._robot.at(moment.q)), self._thing(moment)) for moment in moments]
+        scenes = [(joined(self._links(moment)), self._thing(moment)) for moment in moments]
 
         def score(view: Viewpoint) -> float:
             behind = render(view, joined(self._things))

@@ -1,4 +1,4 @@
-"""From where the page looks at first: so that nothing hides what matters."""
+"""Where the page looks from at first: so that nothing hides what matters."""
 
 from __future__ import annotations
 
@@ -12,22 +12,14 @@ from placement_planner_ros.core.types import Array
 
 FIELD_OF_VIEW = np.deg2rad(40.0)
 """From the lower to the upper edge of the picture, rad."""
-_ROOM = 1.3
-"""How far the eye is away, of the distance from which the ball around all just fits."""
 _AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
 _ELEVATIONS = np.deg2rad([32.0, 41.0, 50.0, 60.0])
-_ALONG = np.linspace(0.06, 0.9, 28)
-_NEAR = 0.035
-"""m from a line of sight within which a point hides what is behind."""
-_SIGHTS = 60
-"""Points that are looked at."""
-_OBSTACLE = 0.35
-"""How much a thing of the scene hides, of what the robot does: it is drawn as loose points."""
-_FAR = 0.15
-"""How much a view from behind the robot costs, of what one costs in which all is hidden; and one
-that is a radian too high or too low."""
 _ASIDE, _USUAL = np.deg2rad([30.0, 50.0])
 """The azimuth from the robot's front, and the elevation, from which things look usual, rad."""
+_SIGHT_RADIUS_M = 0.035
+"""From a line of sight, within which a point hides what is behind."""
+_COST_PER_RAD = 0.1
+"""Share that may be hidden more in a view that is a radian nearer to the usual one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +29,7 @@ class FirstView:
     Attributes:
         eye: (3,) from where.
         at: (3,) at what.
-        hidden: share of what matters that things of the scene hide.
+        hidden: share of what matters that robot and scene hide.
     """
 
     eye: Array
@@ -46,59 +38,49 @@ class FirstView:
 
     def before(self, points: Array, boxes: Array) -> npt.NDArray[np.bool_]:
         """Which of the points (n, 3) stand between the eye and boxes (k, 2, 3), in none of them."""
-        found = np.zeros(len(points), bool)
-        inside = np.zeros(len(points), bool)
-        for lower, upper in boxes:
-            enters, leaves = np.full(len(points), -np.inf), np.full(len(points), np.inf)
-            for axis in range(3):  # as numpy is slow over rows of three
-                way = points[:, axis] - self.eye[axis]
-                way[np.abs(way) < 1e-9] = 1e-9
-                one = (lower[axis] - self.eye[axis]) / way
-                other = (upper[axis] - self.eye[axis]) / way
-                np.maximum(enters, np.minimum(one, other), out=enters)
-                np.minimum(leaves, np.maximum(one, other), out=leaves)
+        found, inside = np.zeros((2, len(points)), bool)
+        way = points - self.eye
+        way[np.abs(way) < 1e-9] = 1e-9
+        for box in boxes:
+            one, other = (box - self.eye)[:, None] / way
+            enters, leaves = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
             found |= (enters < leaves) & (leaves > 1.0)
             inside |= (enters <= 1.0) & (leaves >= 1.0)
         return found & ~inside
 
 
-def first_view(
-    matter: Array, also: Array, robot: Array, obstacles: Array, base: Array
-) -> FirstView:
-    """From where most of what matters is seen.
+def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> FirstView:
+    """The view in which most of what matters is seen, and that looks most usual of those.
 
     Args:
         matter: (n, 3) points that matter, as those in V.
         also: (l, 3) points that shall be in the picture, too, as the object in the hand.
-        robot: (m, 3) points on the robot.
-        obstacles: (k, 3) points on the scene.
+        hiders: (m, 3) points on robot and scene.
         base: (3,) where the robot stands: seen from across, it faces the eye.
     """
     shown = np.vstack([matter, also])
     middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
-    radius = 0.5 * float(np.linalg.norm(shown.max(axis=0) - shown.min(axis=0)))
-    distance = max(_ROOM * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
-    looked_at = matter[:: max(1, len(matter) // _SIGHTS)]
-    hiders = [(cKDTree(points), weight) for points, weight in ((robot, 1.0), (obstacles, _OBSTACLE))
-              if len(points)]  # fmt: skip
-    outwards = middle - base
-    front = np.arctan2(outwards[1], outwards[0])
-    best, best_cost = FirstView(middle + distance, middle, 0.0), np.inf
+    radius = 0.5 * float(np.linalg.norm(np.ptp(shown, axis=0)))
+    # 0.6 m at least, and 1.3 times as far as the ball around all just fits
+    distance = max(1.3 * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
+    tree = cKDTree(hiders) if len(hiders) else None
+    front = np.arctan2(*(middle - base)[1::-1])
+    usual = _direction(front + _ASIDE, _USUAL)
+    views = []
     for elevation in _ELEVATIONS:
         for azimuth in _AZIMUTHS:
-            direction = np.array([np.cos(elevation) * np.cos(azimuth),
-                                  np.cos(elevation) * np.sin(azimuth),
-                                  np.sin(elevation)])  # fmt: skip
+            direction, hidden = _direction(azimuth, elevation), 0.0
             eye = middle + distance * direction
-            lines = looked_at + _ALONG[:, None, None] * (eye - looked_at)
-            cost = hidden = 0.0
-            for tree, weight in hiders:
-                away, _ = tree.query(lines, distance_upper_bound=_NEAR)
+            if tree is not None:
+                lines = matter + np.linspace(0.06, 0.9, 28)[:, None, None] * (eye - matter)
+                away, _ = tree.query(lines, distance_upper_bound=_SIGHT_RADIUS_M)
                 hidden = float(np.isfinite(away).any(axis=0).mean())
-                cost += weight * hidden
-            cost += _FAR * (1.0 - np.cos(azimuth - front - _ASIDE)) / 2.0
-            cost += _FAR * abs(elevation - _USUAL)
-            if cost < best_cost:
-                best_cost = cost
-                best = FirstView(eye, middle, hidden if len(obstacles) else 0.0)
-    return best
+            cost = hidden + _COST_PER_RAD * np.arccos(np.clip(direction @ usual, -1.0, 1.0))
+            views.append((cost, FirstView(eye, middle, hidden)))
+    return min(views, key=lambda view: view[0])[1]
+
+
+def _direction(azimuth: float, elevation: float) -> Array:
+    """(3,) towards an eye there, angles in rad."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])

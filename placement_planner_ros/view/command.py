@@ -57,9 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if conversation is not None:
         controls = Controls(
             server,
-            node,
             conversation,
-            listener.planner,
+            listener.parameters.client,
             lambda: page.record.run,
             lambda: page.solution,
         )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 import viser
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.node import Node
+from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.client import PlacementError, Solution
 from placement_planner_ros.client.calls import parameter_message
@@ -33,7 +33,7 @@ class Controls:
 
     Args:
         conversation: with the planning node.
-        planner: full name of that node.
+        setting: of its parameters.
         run: number of its newest run.
         shown: the solution that is looked at; None where there is none.
     """
@@ -41,16 +41,13 @@ class Controls:
     def __init__(
         self,
         server: viser.ViserServer,
-        node: Node,
         conversation: Session,
-        planner: str,
+        setting: AsyncParameterClient,
         run: Callable[[], int],
         shown: Callable[[], Solution | None],
     ) -> None:
         self._talk, self._run, self._shown = conversation, run, shown
-        self._setting = node.create_client(
-            SetParametersAtomically, f"{planner}/set_parameters_atomically"
-        )
+        self._setting = setting
         self._known: dict[str, Any] = {}
         gui = server.gui
         acts = {_START: self._start, _STOP: self._stop, _CONFIRM: self._confirm}
@@ -76,9 +73,15 @@ class Controls:
         keep.on_click(lambda _: self._do(self._keep, self._kept))
 
     def know(self, parameters: dict[str, Any]) -> None:
-        """The node's parameters, which the fields then show."""
+        """The node's parameters: fields whose value the node has changed show the new one.
+
+        What somebody has typed into another field is left as it is.
+        """
+        before = self._known
         self._known = {name: parameters[name] for name in self._fields if name in parameters}
         for name, value in self._known.items():
+            if name in before and before[name] == value:
+                continue
             field = self._fields[name]
             if name == _VOLUME:
                 field.value = " ".join(f"{number:g}" for number in value)
@@ -100,8 +103,10 @@ class Controls:
         answer.content = words.note(said)
 
     def _start(self) -> str:
-        run = finish(self._talk.start(self._changed(), PATIENCE), self._talk.news)
-        return f"run {run} has begun"
+        changed = self._changed()
+        run = finish(self._talk.start(changed, PATIENCE), self._talk.news)
+        # A browser that is busy may not have sent what was typed: then it is not named here.
+        return f"run {run} has begun" + (f" with another {', '.join(changed)}" if changed else "")
 
     def _stop(self) -> str:
         if not self._run():
@@ -120,16 +125,19 @@ class Controls:
         changed = self._changed()
         if not changed:
             return "nothing was changed"
-        request = SetParametersAtomically.Request(
-            parameters=[parameter_message(name, value) for name, value in changed.items()]
-        )
-        if not self._setting.service_is_ready():
+        if not self._setting.services_are_ready():
             return "no node is there"
+        told = self._setting.set_parameters_atomically(
+            [parameter_message(name, value) for name, value in changed.items()]
+        )
         # In a thread of viser's, while another spins the node.
-        response = self._setting.call(request, timeout_sec=PATIENCE)
-        if response is None:
+        told.add_done_callback(self._talk.news.tell)
+        end = time.monotonic() + PATIENCE
+        while not told.done() and time.monotonic() < end:
+            self._talk.news.wait(self._talk.news.count, end)
+        if not told.done() or told.result() is None:
             return "the node has not answered"
-        result = response.result
+        result = told.result().result
         return f"set {', '.join(changed)}" if result.successful else str(result.reason)
 
     def _changed(self) -> dict[str, Any]:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 
+from placement_planner_ros.ros.spinning import waiting
+
+_KEPT = 1000
+"""Events between two looks: a node that starts sends two for each parameter that it declares."""
 RETRIED = 5
 """Looks after which an answer that has not come is asked for again."""
 
@@ -21,7 +25,8 @@ class NodeParameters:
 
     Attributes:
         values: by name; empty until they have come.
-        count: another one whenever they are.
+        count: another one whenever one of them is another.
+        client: that asks for them.
 
     Args:
         planner: full name of the planning node.
@@ -32,13 +37,8 @@ class NodeParameters:
         self.count = 0
         self._planner = planner
         self._wanted, self._waited = True, 0
-        self._list = node.create_client(
-            ListParameters, f"{planner}/list_parameters", callback_group=group
-        )
-        self._get = node.create_client(
-            GetParameters, f"{planner}/get_parameters", callback_group=group
-        )
-        node.create_subscription(
+        self.client = AsyncParameterClient(node, planner, callback_group=group)
+        self._events = node.create_subscription(
             ParameterEvent,
             "/parameter_events",
             self._hear,
@@ -55,13 +55,13 @@ class NodeParameters:
         if self._waited:
             self._waited -= 1
             return
-        if not self._wanted or not self._list.service_is_ready():
+        if not self._wanted or not self.client.services_are_ready():
             return
         self._wanted, self._waited = False, RETRIED
-        self._list.call_async(ListParameters.Request()).add_done_callback(self._listed)
+        self.client.list_parameters(callback=self._listed)
 
     def _hear(self, event: ParameterEvent) -> None:
-        if event.node == self._planner:
+        if any(each.node == self._planner for each in (event, *waiting(self._events, _KEPT))):
             self._wanted = True
 
     def _listed(self, answer: Future) -> None:
@@ -77,10 +77,12 @@ class NodeParameters:
             if response is None:
                 self._wanted = True
                 return
-            self.values = {
+            found = {
                 name: parameter_value_to_python(value)
                 for name, value in zip(names, response.values, strict=False)
             }
-            self.count += 1
+            if found != self.values:
+                self.values = found
+                self.count += 1
 
-        self._get.call_async(GetParameters.Request(names=names)).add_done_callback(got)
+        self.client.get_parameters(names, got)

@@ -5,45 +5,38 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import viser
-from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
+from placement_planner_ros.playback import Playback
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.camera import FirstView, first_view
 from placement_planner_ros.view.drawn_markers import DrawnMarkers, cut_rectangles
 from placement_planner_ros.view.listening import Listener
-from placement_planner_ros.view.objective_map import RegionColours
+from placement_planner_ros.view.objective_map import RegionColours, region_colours
 from placement_planner_ros.view.panel import Panel
-from placement_planner_ros.view.playback import Playback
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import Stage
-from placement_planner_ros.view.thinning import thinned
+from placement_planner_ros.view.thinning import moved, thinned
 from placement_planner_ros.view.world import Itself, World, pose_of
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
 """Seconds between looks; beside a search, which needs the processor; between moments of a motion;
 and between looks whether anybody has opened the page."""
 _MOVED = 1e-4
-"""rad or m by which a joint must have moved for the robot to be drawn anew."""
-_SAME_VOLUME = 1e-4
-"""m by which V must be another for the camera to look from elsewhere."""
+"""rad or m by which a joint must have moved for the robot to be drawn anew, or V for the camera to
+look from elsewhere: as it is published V differs in its last digits from the parameter."""
 CURVE_PERIOD, COLOUR_PERIOD = 0.5, 3.0
 """Seconds after which the curve of a run that goes on is drawn longer, and its regions are coloured
 by another placement."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
-HIDDEN = 0.5
-"""Share of V that must be hidden for the cloud to be opened in front of it."""
-LEFT_IN_FRONT = 8
-"""Of what is in front, every so many-th point is left."""
 _NO_MARKERS = DrawnMarkers(
     np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros((0, 3))
 )
@@ -61,7 +54,7 @@ class Page:
         self._server, self._listener, self._world = server, listener, world
         self._stage = Stage(server)
         self._panel = Panel(server, self._stage.show)
-        self._colours = RegionColours()
+        self._coloured: RegionColours | None = None
         self.record = RunRecord()
         self.shown: Improvement | None = None
         self._playback: Playback | None = None
@@ -155,18 +148,17 @@ class Page:
 
     def _playback_of(self, improvement: Improvement) -> Playback | None:
         solution, tip = improvement.solution, self._world.tip(improvement.solution.arm)
-        carry = _way(solution.trajectory)
-        if self._world.robot is None or not self._world.robot.has_link(tip) or carry is None:
+        robot, retreat = self._world.robot, solution.retreat_trajectory
+        if robot is None or not robot.has_link(tip) or not solution.trajectory.points:
             return None
-        retreat = solution.retreat_trajectory
         return Playback(
             self._world.link_poses,
             tip,
             improvement.positions,
-            carry,
+            JointCurve.of(solution.trajectory),
             solution.approach_start,
             self._world.opened(solution.arm),
-            _way(retreat) if retreat is not None else None,
+            JointCurve.of(retreat) if retreat is not None and retreat.points else None,
             pose_of(solution.pose.pose),
         )
 
@@ -251,11 +243,11 @@ class Page:
                 self._stage.draw_cloud(topic, self._opened(points))
 
     def _opened(self, points: Array) -> Array:
-        """The cloud (n, 3), most of what hides V left out where most of V is hidden."""
-        if self._view is None or self._view.hidden < HIDDEN:
+        """The cloud (n, 3); where half of V is hidden, one in eight points of what hides it."""
+        if self._view is None or self._view.hidden < 0.5:
             return points
         kept = ~self._view.before(points, self._volume)
-        kept[::LEFT_IN_FRONT] = True
+        kept[::8] = True
         return points[kept]
 
     def _draw_scene(self) -> None:
@@ -295,9 +287,10 @@ class Page:
             return
         if self._is_new("regions", (*scene, Itself(best))):
             self._coloured_at = now
-            colour = self._colours.of(
+            self._coloured = region_colours(
                 self._pieces, best, surface, self._obstacles, self._volume, self._world
             )
+            colour = None if self._coloured is None else self._coloured[0]
             self._stage.draw_regions(self._pieces, colour)
 
     @property
@@ -314,29 +307,28 @@ class Page:
         known = len(self._listener.clouds)
         if robot is None or len(volume) == 0 or not self._listener.positions:
             return
-        # As it is published V differs in the last digits from what the parameter says.
-        rounded = tuple(np.round(volume.ravel() / _SAME_VOLUME).astype(int).tolist())
+        rounded = tuple(np.round(volume.ravel() / _MOVED).astype(int).tolist())
         if not self._is_new("camera", (Itself(robot), rounded, known)):
             return
+        poses, none = self._poses, np.zeros((0, 3))
         on_robot = [
-            shape.vertices[:: max(1, len(shape.vertices) // 60)] @ T.rotation.T + T.translation
+            moved(shape.vertices[:: max(1, len(shape.vertices) // 60)], poses[shape.link])
             for shape in robot.shapes
-            if (T := self._poses.get(shape.link)) is not None
+            if shape.link in poses
         ]
+        clouds = [self._world.in_planning_frame(cloud, poses)[0]
+                  for cloud in self._listener.clouds.values()]  # fmt: skip
+        around = [points[::10] for points in clouds if points is not None]
         lower, upper = volume[:, 0].min(axis=0), volume[:, 1].max(axis=0)
         matter = lower + np.random.default_rng(0).random((60, 3)) * (upper - lower)
-        matter = np.vstack([matter, lower, upper])
-        base = np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3)
-        points = np.vstack(on_robot) if on_robot else np.zeros((0, 3))
-        also = np.array([T.translation for T in self._holding(self._poses)]).reshape(-1, 3)
-        self._view = first_view(matter, also, points, self._around(), base)
+        held = np.array([T.translation for T in self._holding(poses)]).reshape(-1, 3)
+        self._view = first_view(
+            np.vstack([matter, lower, upper]),
+            held,
+            np.vstack([none, *on_robot, *around]),
+            np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3),
+        )
         self._stage.look_from(self._view.eye, self._view.at)
-
-    def _around(self) -> Array:
-        """(n, 3) some points of what stands around."""
-        clouds = [self._world.in_planning_frame(cloud, self._poses)[0]
-                  for cloud in self._listener.clouds.values()]  # fmt: skip
-        return np.vstack([np.zeros((0, 3)), *(c[::10] for c in clouds if c is not None)])
 
     # --- what is said
 
@@ -365,7 +357,7 @@ class Page:
             curve=charts.objective_over_time(curve, _told(record), place),
             bars=charts.rejections(record.rejected, record.samples),
             legend=charts.legend(
-                self._colours.ends,
+                None if self._coloured is None else self._coloured[1],
                 len(record.improvements) > 1,
                 len(self._markers.standing) > 0,
                 self._panel.time > 0.0,
@@ -401,21 +393,3 @@ def _told(record: RunRecord) -> float:
     """Seconds that a run has gone on for; while it goes on in steps, each of which is sent."""
     steps = CURVE_PERIOD if record.active else 0.1
     return math.floor(record.elapsed / steps) * steps
-
-
-def _way(message: JointTrajectory) -> JointCurve | None:
-    """A trajectory; None where it has no points.
-
-    Raises:
-        ValueError: it is none.
-    """
-    points: Any = message.points
-    if len(points) == 0:
-        return None
-    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
-    positions = np.array([p.positions for p in points], dtype=np.float64)
-    if positions.shape != (len(points), len(message.joint_names)):
-        raise ValueError(f"its points do not fit its {len(message.joint_names)} joints")
-    if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
-        raise ValueError("its points are not finite, or not in order")
-    return JointCurve(tuple(message.joint_names), times, positions)

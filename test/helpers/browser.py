@@ -38,6 +38,11 @@ def chromium():
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
+SENT = 0.15
+"""Seconds of the page's own clock after which it has sent what was done: viser sends at most every
+0.05 s, and of what was done between only the last, whichever field or button that was."""
+
+
 class Browser:
     """One page of a browser of its own, until it is left."""
 
@@ -94,8 +99,10 @@ class Browser:
         self.do("Page.navigate", url=url)
 
     def run(self, script):
-        """The value of a JavaScript expression."""
-        answer = self.do("Runtime.evaluate", expression=script, returnByValue=True)
+        """The value of a JavaScript expression, or of what it promises."""
+        answer = self.do(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
@@ -116,6 +123,7 @@ class Browser:
         )
         assert self.run(f"{found} !== undefined"), self.text
         self.run(f"{found}.click()")
+        self._send()
 
     def unfold(self, title):
         """Open the folder of that name."""
@@ -144,15 +152,22 @@ class Browser:
         ]
 
     def fill(self, before, after):
-        """Give the field that holds one value another."""
+        """Give the field that holds one value another, and let the server know."""
         self.run(
             "(() => {const field = [...document.querySelectorAll('input')].find("
             f"f => f.value === {json.dumps(before)} && f.offsetParent);"
             "field.focus(); field.select(); return true})()"
         )
         self.do("Input.insertText", text=after)
-        for kind in ("keyDown", "keyUp"):
-            self.do("Input.dispatchKeyEvent", type=kind, key="Enter", windowsVirtualKeyCode=13)
+        assert after in self.fields, self.fields
+        self._send()
+
+    def _send(self):
+        """Until all that was done has been sent, however long the page takes for it.
+
+        Timers of a page come in the order in which they are due, the one that sends before this.
+        """
+        self.run(f"new Promise(sent => setTimeout(sent, {1e3 * SENT}))")
 
     def picture(self):
         """A PNG of the page."""

@@ -1,10 +1,8 @@
 """What is shown of a motion: each stage, from a side from which the object is seen."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from PIL import Image
 
@@ -15,9 +13,9 @@ from placement_planner_ros.pictures.animation import (
     draw_before_and_after,
     frames_and_speed,
 )
-from placement_planner_ros.pictures.motion import OPENING, RecordedMotion
 from placement_planner_ros.pictures.picture import PLACED
 from placement_planner_ros.pictures.stage_set import HEIGHT, WIDTH, StageSet, tube
+from placement_planner_ros.playback import Playback
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import Scene
@@ -28,55 +26,36 @@ TO, BACK = (0.2, -0.1, 0.1, 0.3, 0.0, 0.2, 0.0), (0.0, 0.1, 0.0, -0.2, 0.0, 0.0,
 """Radians that each joint turns on the way there, and back."""
 
 
+ROBOT = load_yumi()
+ARM = yumi_arm(ROBOT, "right", OBJECT.grasps["right"])
+
+
 @pytest.fixture(scope="module")
 def motion():
-    robot = load_yumi()
-    q = robot.configuration(start_configuration(OBJECT.name))
-    arm = yumi_arm(robot, "right", OBJECT.grasps["right"])
-    at = q[arm.q_index]
+    start = start_configuration(OBJECT.name)
+    at = ROBOT.configuration(start)[ARM.q_index]
     there = at + TO
-    reached = robot.with_positions(q, dict(zip(arm.joints, there, strict=True)))
-    return RecordedMotion(
-        robot,
-        arm,
-        q,
-        arm.grasps[0],
-        robot.link_pose(reached, arm.tip_frame) * arm.grasps[0],
-        JointCurve(arm.joints, np.array([0.0, 1.0, 2.0]), np.array([at, (at + there) / 2, there])),
+    tip = ARM.tip_frame
+
+    def link_poses(positions):
+        return {tip: ROBOT.link_pose(ROBOT.configuration(positions), tip)}
+
+    reached = {**start, **dict(zip(ARM.joints, there, strict=True))}
+    return Playback(
+        link_poses,
+        tip,
+        start,
+        JointCurve(ARM.joints, np.array([0.0, 1.0, 2.0]), np.array([at, (at + there) / 2, there])),
         1.5,
-        JointCurve(arm.joints, np.array([0.0, 1.0]), np.array([there, there + BACK])),
+        dict(zip(ARM.gripper_joints, ARM.gripper_open, strict=True)),
+        JointCurve(ARM.joints, np.array([0.0, 1.0]), np.array([there, there + BACK])),
+        link_poses(reached)[tip] * ARM.grasps[0],
     )
 
 
-def hand_travel(motion, moment):
-    return moment.q[motion.robot.index(motion.arm.gripper_joints[0])]
-
-
-def test_a_motion_carries_lowers_lets_go_and_draws_back(motion):
-    times = np.linspace(0.0, motion.duration, 200)
-    moments = [motion.at(float(time)) for time in times]
-    stages = list(dict.fromkeys(moment.stage for moment in moments))
-    assert stages == ["carry", "way down", "let go", "draw back"]
-    assert motion.duration == pytest.approx(2.0 + OPENING + 1.0)
-    np.testing.assert_allclose(moments[0].q, motion.q_start)
-    assert hand_travel(motion, moments[0]) < motion.arm.gripper_open[0]
-    assert hand_travel(motion, moments[-1]) == pytest.approx(motion.arm.gripper_open[0])
-    for moment in moments:
-        if moment.stage in ("let go", "draw back"):
-            assert moment.T_world_object.isApprox(motion.T_world_placed)
-        else:
-            T_tip = motion.robot.link_pose(moment.q, motion.arm.tip_frame)
-            assert moment.T_world_object.isApprox(T_tip * motion.T_tip_object)
-    for one, next_ in itertools.pairwise(moments):  # nothing jumps
-        assert np.abs(one.q - next_.q).max() < 0.02
-        gap = one.T_world_object.translation - next_.T_world_object.translation
-        assert np.abs(gap).max() < 0.02
-
-
-def test_the_path_begins_and_ends_with_the_object(motion):
-    path = motion.path()
-    np.testing.assert_allclose(path[0], motion.at(0.0).T_world_object.translation)
-    np.testing.assert_allclose(path[-1], motion.T_world_placed.translation, atol=1e-9)
+def shown_in(motion, *sides):
+    body = OBJECT.vertices, OBJECT.triangles
+    return StageSet(motion, ROBOT, ARM.touch_links, around(motion, *sides), body)
 
 
 def around(motion, *sides):
@@ -98,7 +77,7 @@ def around(motion, *sides):
 @pytest.mark.parametrize("free", ["+x", "-y"])
 def test_the_view_is_from_where_nothing_stands_before_the_object(motion, free):
     sides = [side for side in ("+x", "-x", "+y", "-y") if side != free]
-    shown = StageSet(motion, around(motion, *sides), OBJECT.vertices, OBJECT.triangles)
+    shown = shown_in(motion, *sides)
     toward = shown.view.eye - motion.T_world_placed.translation
     axis = {"x": 0, "y": 1}[free[1]]
     assert np.sign(toward[axis]) == (1.0 if free[0] == "+" else -1.0)
@@ -106,7 +85,7 @@ def test_the_view_is_from_where_nothing_stands_before_the_object(motion, free):
 
 
 def test_the_object_is_seen_where_it_stands_in_the_end(motion):
-    shown = StageSet(motion, around(motion), OBJECT.vertices, OBJECT.triangles)
+    shown = shown_in(motion)
     colours = shown.draw(motion.at(motion.duration)).colours
     u, v, _ = shown.view.project(motion.T_world_placed.translation[None])[0]
     seen = colours[int(v), int(u)]
@@ -129,7 +108,7 @@ def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
         approach_start=0.3 * motion.approach_start,
         retreat=replace(motion.retreat, times=0.3 * motion.retreat.times),
     )
-    shown = StageSet(motion, around(motion), OBJECT.vertices, OBJECT.triangles)
+    shown = shown_in(motion)
     still, moving = tmp_path / "still.png", tmp_path / "moving.gif"
     draw_before_and_after(still, shown, "title")
     draw_animation(moving, shown)
@@ -152,9 +131,3 @@ def test_long_motions_are_shown_faster_and_short_ones_in_real_time():
     count, speed = frames_and_speed(60.0)
     assert count <= 90
     assert (count - 1) * 0.08 * speed == pytest.approx(60.0)
-
-
-def test_a_motion_may_end_without_a_retreat(motion):
-    ended = replace(motion, retreat=None)
-    assert ended.at(ended.duration).stage == "let go"
-    assert isinstance(ended.at(0.0).T_world_object, pin.SE3)

@@ -1,5 +1,8 @@
 """Robot, motion, clouds, regions and the first view, without a browser."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +15,7 @@ from placement_planner_ros.core.errors import CloudError, RobotError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.joint_curve import JointCurve
+from placement_planner_ros.playback import Playback
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
@@ -19,12 +23,11 @@ from placement_planner_ros.view.camera import first_view
 from placement_planner_ros.view.coarsening import coarse_enough
 from placement_planner_ros.view.drawn_markers import cut_rectangles, region_rectangles
 from placement_planner_ros.view.objective_map import (
-    ObstacleLayers,
+    counted_cells,
     estimated_clearance,
     inner_points,
     sign_that_agrees,
 )
-from placement_planner_ros.view.playback import Playback
 from placement_planner_ros.view.robot import ShownRobot
 from placement_planner_ros.view.robot_shapes import LinkShape
 from placement_planner_ros.view.thinning import thinned
@@ -114,7 +117,15 @@ def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback)
     assert playback.at(2.3).positions["gripper_l_joint"] == pytest.approx(
         (START_CONFIGURATION["gripper_l_joint"] + 0.025) / 2
     )
+    assert playback.path()[0] == pytest.approx(playback.at(0.0).T_world_object.translation)
     assert playback.path()[-1] == pytest.approx([0.4, 0.1, 0.2])
+    ended = replace(playback, retreat=None)
+    assert ended.at(ended.duration).stage == "release"
+    moments = [playback.at(float(time)) for time in np.linspace(0.0, playback.duration, 360)]
+    for one, other in pairwise(moments):  # nothing jumps
+        assert all(abs(value - other.positions[n]) < 0.02 for n, value in one.positions.items())
+        gap = one.T_world_object.translation - other.T_world_object.translation
+        assert np.abs(gap).max() < 0.02
 
 
 # --- fewer triangles
@@ -212,12 +223,12 @@ def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
     environment = Environment.from_points(np.vstack([table, wall, board]), volume)
     boxes = environment.obstacles
     middles = (boxes.lower + boxes.upper) / 2
-    layers = ObstacleLayers.of(middles, boxes.cell_size, volume.boxes, 0.0)
+    cells = counted_cells(middles, volume.boxes, 0.0)
     vertices = np.array([(x, y, z) for x in (0, 0.06) for y in (0, 0.06) for z in (0, 0.15)], float)
     points = inner_points(vertices)
     places = np.array([(x, y, 0.0) for x in (0.15, 0.3, 0.52, 0.7) for y in (0.1, 0.4, 0.7)])
     T = pin.SE3.Identity()
-    estimate = estimated_clearance(places, T, points, layers)
+    estimate = estimated_clearance(places, T, points, cells, boxes.cell_size)
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :2, 3] = places[:, :2] - points.mean(axis=0)[:2]
     poses[:, 2, 3] = 0.001
@@ -239,16 +250,16 @@ def test_the_eye_is_where_the_robot_does_not_hide_the_volume():
     rng = np.random.default_rng(0)
     matter = rng.uniform([0.3, -0.2, 0.0], [0.7, 0.2, 0.2], (60, 3))
     none = np.zeros((0, 3))
-    assert first_view(matter, none, none, none, np.zeros(3)).eye[0] > 0.7  # facing the robot
+    assert first_view(matter, none, none, np.zeros(3)).eye[0] > 0.7  # facing the robot
     wall = rng.uniform([0.75, -1.5, 0.0], [0.8, 1.5, 2.0], (20_000, 3))
-    assert first_view(matter, none, wall, none, np.zeros(3)).eye[0] < 0.7
+    assert first_view(matter, none, wall, np.zeros(3)).eye[0] < 0.7
 
 
 def test_what_stands_before_a_box_is_told_from_what_is_in_it_beside_it_or_behind():
     boxes = np.array([[[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]]])
     matter = np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3))
     none = np.zeros((0, 3))
-    view = first_view(matter, none, none, none, np.array([-1.0, 0.0, 0.0]))
+    view = first_view(matter, none, none, np.array([-1.0, 0.0, 0.0]))
     to_eye = view.eye / np.linalg.norm(view.eye)
     aside = np.cross(to_eye, [0.0, 0.0, 1.0])
     points = np.array([0.3 * to_eye, 0.0 * to_eye, -0.3 * to_eye, 0.3 * to_eye + 0.5 * aside])

@@ -62,7 +62,7 @@ def test_the_camera_stays_until_robot_volume_or_topics_are_others(page):
 def test_regions_are_coloured_at_once_for_a_scene_and_in_steps_for_a_placement(page, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    page._colours = SimpleNamespace(of=lambda *_: None, ends=None)
+    monkeypatch.setattr(module, "region_colours", lambda *_: None)
     heard = {}
 
     def draws(state="searching"):

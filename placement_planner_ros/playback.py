@@ -1,4 +1,4 @@
-"""A solution as a motion in time: transit, approach, release, retreat."""
+"""A solution as pictures and pages play it: transit, approach, release, retreat."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from placement_planner_ros.joint_curve import JointCurve
 
 LinkPoses = Callable[[Mapping[str, float]], Mapping[str, pin.SE3]]
 
-RELEASE = 0.6
-"""Seconds that opening the hand takes on the page; a real hand has its own."""
+RELEASE_DURATION = 0.6
+"""Seconds that opening the hand is shown for; a real hand has its own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class Playback:
 
     @property
     def _release(self) -> float:
-        return RELEASE if self.opened else 0.0
+        return RELEASE_DURATION if self.opened else 0.0
 
     @property
     def marks(self) -> list[tuple[float, str]]:
