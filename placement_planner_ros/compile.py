@@ -79,6 +79,6 @@ def _compile(bar: _Bar) -> int:
     compile_kernels(bar.show)
     bar.end()
     with contextlib.suppress(ModuleNotFoundError):  # no ROS here
-        import_module(f"{__package__}.ros.run.loading").load_input_kernels()
+        import_module(f"{__package__}.ros.run.preparation").load_input_kernels()
     print(f"all kernels are compiled, after {time.monotonic() - began:.0f} s")
     return 0

@@ -61,7 +61,6 @@ ROS_ORDER = [
     "ros.spinning",
     "ros.process",
     "ros.log",
-    "ros.namesakes",
     "ros.parameters",
     "ros.inputs",
     "ros.run",

@@ -16,9 +16,9 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.things_publisher import ThingsPublisher
-from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check.grasps import with_closed_hands
 from placement_planner_ros.ros.tools.robot_check.subject import read_subject
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
@@ -128,7 +128,7 @@ def of_file(file: Path, scene_name: str) -> Setting:
     if findings.faults or subject is None or subject.body is None:
         faults = "; ".join(findings.faults) or "it names no object"
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
-    body, subject = subject.body, holding(subject, findings)
+    body, subject = subject.body, with_closed_hands(subject, findings)
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
     arms = {arm.name: arm for arm in subject.arms}

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PATIENCE = 0.1
-"""Seconds that work waits at most each time, so that a call that takes long holds nothing up."""
+PATIENCE_S = 0.1
+"""That work waits at most each time, so that a call that takes long holds nothing up."""
 
 
 class CallPriority:
@@ -38,5 +38,5 @@ class CallPriority:
                     self._none.set()
 
     def give_way(self) -> None:
-        """Wait until none is, `PATIENCE` at most."""
-        self._none.wait(PATIENCE)
+        """Wait until none is, `PATIENCE_S` at most."""
+        self._none.wait(PATIENCE_S)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, Concatenate, ParamSpec
 
@@ -15,24 +15,23 @@ from rclpy.parameter import Parameter
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, listed
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
-from placement_planner_ros.ros.parameters.checks import one_pose, poses_from_list
+from placement_planner_ros.ros.outputs.reporting import Reporter
+from placement_planner_ros.ros.parameters.checks import pose_or_nothing, poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.run.planning import Prepare
+from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
-from placement_planner_ros.ros.run.warmth import Warmth
-from placement_planner_ros.ros.run.worker import Run, State
+from placement_planner_ros.ros.run.worker import Run, State, Warmth
 
 Given = ParamSpec("Given")
 
 STAND_IN = "the bundled YuMi, as no robot_description has come"
 """The robot in use where none was given."""
-_FAR = 100.0
-"""Metres from the robot within which an object stands."""
-STOP_PATIENCE = 1.0
-"""Seconds that stop waits for the worker before it answers STOPPING."""
+FAR_M = 100.0
+"""From the robot; an object stands within it."""
+STOP_PATIENCE_S = 1.0
+"""That stop waits for the worker before it answers STOPPING."""
 
 
 def _when_idle(
@@ -53,7 +52,7 @@ class Commands:
     Args:
         prepare: makes the planner of a run.
         environment_of: the environment of a run, where it is there already.
-        announcer: tells the world of each run.
+        reporter: tells the world of each run.
         warm: set once warming up is over.
 
     Attributes:
@@ -66,7 +65,7 @@ class Commands:
         parameters: ParameterServer,
         prepare: Prepare,
         environment_of: Callable[[Snapshot], Environment | None],
-        announcer: Announcer,
+        reporter: Reporter,
         warm: Warmth,
     ) -> None:
         self.run: Run | None = None
@@ -74,7 +73,7 @@ class Commands:
         self._parameters = parameters
         self._prepare = prepare
         self._environment_of = environment_of
-        self._announcer = announcer
+        self._reporter = reporter
         self._warm = warm
         # Milliseconds of the wall clock: greater than any number given before, as no node answers
         # a thousand starts in a second, and exact where clients keep numbers as doubles.
@@ -100,10 +99,10 @@ class Commands:
             return refusal(snapshot)
         notes = start_notes(snapshot, self._environment_of(snapshot))
         self._number += 1
-        run = Run(self._number, snapshot, self._prepare, self._announcer, self._warm)
+        run = Run(self._number, snapshot, self._prepare, self._reporter, self._warm)
         self.run = run
         try:
-            self._announcer.begun(run)
+            self._reporter.begun(run)
             run.start()
         except Exception as error:
             run.fail(error)  # or it would count as active for ever
@@ -113,6 +112,8 @@ class Commands:
             words += f" of {STAND_IN}"
         return answer("OK", listed([words, *notes], "\n"), run=run.number)
 
+    start_with = start
+
     def stop(self) -> ServiceAnswer:
         """End the run; answers once its worker is idle."""
         if self.run is None:
@@ -121,11 +122,8 @@ class Commands:
 
     def stop_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """End one run only."""
-        wanted = _number(_values(parameters, ("run",)), "run")
-        run = self.run
-        if run is None or run.number != wanted:
-            return _wrong_run(run, wanted)
-        return _stop_run(run)
+        run = self._run_asked_for(_values(parameters, ("run",))["run"])
+        return run if isinstance(run, ServiceAnswer) else _stop_run(run)
 
     @_when_idle
     def confirm_placed(self) -> ServiceAnswer:
@@ -139,33 +137,33 @@ class Commands:
     def confirm_placed_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """A placement of the last run was carried out, perhaps not quite where planned."""
         values = _values(parameters, ("run", "solution"), ("pose",))
-        wanted, solution = _number(values, "run"), _number(values, "solution")
-        pose = _pose(values["pose"]) if "pose" in values else None
-        run = self.run
-        if run is None or run.number != wanted:
-            return _wrong_run(run, wanted)
+        solution = values["solution"]
+        pose = _measured_pose(values["pose"]) if "pose" in values else None
+        run = self._run_asked_for(values["run"])
+        if isinstance(run, ServiceAnswer):
+            return run
         if solution not in run.poses:
             known = f"{min(run.poses)} to {run.solutions}" if run.poses else "none"
-            raise ParameterError("solution", solution, f"run {wanted} has {known}")
+            raise ParameterError("solution", solution, f"run {run.number} has {known}")
         return self._confirm(run, solution, pose)
 
     @_when_idle
     def remove_placed(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """What a run placed has been taken away."""
-        wanted = _number(_values(parameters, ("run",)), "run")
+        wanted = _values(parameters, ("run",))["run"]
         padding = self._parameters.current["self_filter.padding"]
         if not self._inputs.clouds.remove(wanted, padding):
             placed = listed([str(n) for n in self._inputs.clouds.placed]) or "none"
             words = f"nothing of that run stands; runs whose objects stand: {placed}"
             return answer("WRONG_RUN", words, run=wanted)
-        self._announcer.environment_changed()
+        self._reporter.environment_changed()
         return answer("OK", "the object is no part of the environment any more", run=wanted)
 
     @_when_idle
     def clear_environment(self) -> ServiceAnswer:
         """Forget accumulated points and confirmed objects."""
         self._inputs.clouds.clear()
-        self._announcer.environment_changed()
+        self._reporter.environment_changed()
         return answer("OK", "accumulated points and confirmed objects are forgotten")
 
     def close(self) -> None:
@@ -173,7 +171,7 @@ class Commands:
         run = self.run
         if run is not None and run.active:
             run.end(State.STOPPED)
-            run.wait(STOP_PATIENCE)
+            run.wait(STOP_PATIENCE_S)
 
     def _busy(self) -> ServiceAnswer | None:
         """The refusal of whatever needs an idle planner."""
@@ -185,38 +183,44 @@ class Commands:
         words = f"run {run.number} is {run.state}: wait for its end, or stop it (~/stop_with)"
         return answer("ALREADY_RUNNING", words, run=run.number)
 
+    def _run_asked_for(self, wanted: int) -> Run | ServiceAnswer:
+        """The last run where that is the one, or the refusal."""
+        run = self.run
+        if run is not None and run.number == wanted:
+            return run
+        known = "this node has begun no run; was it restarted since that run was?"
+        if run is not None:
+            known = f"the last run is {run.number}"
+        return answer("WRONG_RUN", known, run=wanted)
+
     def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> ServiceAnswer:
         pose = run.poses[solution] if measured is None else measured
         self._inputs.confirm(run.number, run.snapshot.body, pose)
         run.confirmed = True
-        self._announcer.environment_changed()
+        self._reporter.environment_changed()
         return answer("OK", "the object is obstacle and support now", run=run.number)
 
 
 def _stop_run(run: Run) -> ServiceAnswer:
-    if not run.active:
-        return _outcome("NOT_RUNNING", run)
+    code = "OK" if run.active else "NOT_RUNNING"
     run.end(State.STOPPED)
-    if not run.wait(STOP_PATIENCE):
-        words = f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more"
+    if not run.wait(STOP_PATIENCE_S):
+        words = f"the worker has not ended within {STOP_PATIENCE_S:g} s; it publishes nothing more"
         return answer("STOPPING", words, run=run.number)
-    return _outcome("OK", run)
-
-
-def _wrong_run(run: Run | None, wanted: int) -> ServiceAnswer:
-    known = "this node has begun no run; was it restarted since that run was?"
-    if run is not None:
-        known = f"the last run is {run.number}"
-    return answer("WRONG_RUN", known, run=wanted)
+    values: dict[str, object] = {"run": run.number, "solution": run.solutions}
+    if run.best is not None:
+        values["objective"] = float(run.best.objective)
+    words = listed([f"{run.state}: {run.summary()}", *filter(None, [run.details])], "\n")
+    return answer(code, words, success=True, **values)
 
 
 def _values(
     parameters: Sequence[Parameter], needed: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """What a command was given, by name.
+    """What a command was given, by name; what is needed are integers.
 
     Raises:
-        ParameterError: something is missing, or nobody knows it.
+        ParameterError: something is missing, is none, or nobody knows it.
     """
     values = {p.name: p.value for p in parameters}
     for name in values:
@@ -224,18 +228,12 @@ def _values(
             known = ", ".join((*needed, *optional))
             raise ParameterError(name, values[name], f"give {known} and nothing else")
     for name in needed:
-        if name not in values:
-            raise ParameterError(name, None, f"give an integer parameter {name}")
+        if type(values.get(name)) is not int:
+            raise ParameterError(name, values.get(name), f"give an integer parameter {name}")
     return values
 
 
-def _number(values: Mapping[str, Any], name: str) -> int:
-    if type(values[name]) is not int:
-        raise ParameterError(name, values[name], "give an integer")
-    return int(values[name])
-
-
-def _pose(value: object) -> pin.SE3:
+def _measured_pose(value: object) -> pin.SE3:
     """A pose of x y z qx qy qz qw.
 
     Raises:
@@ -244,16 +242,8 @@ def _pose(value: object) -> pin.SE3:
     numbers = list(value) if isinstance(value, Sequence | array) else []
     if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
         raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
-    one_pose("pose", numbers)
+    pose_or_nothing("pose", numbers)
     pose = poses_from_list("pose", numbers)[0]
-    if abs(pose.translation).max() > _FAR:
-        raise ParameterError("pose", value, f"is more than {_FAR:g} m away; give metres")
+    if abs(pose.translation).max() > FAR_M:
+        raise ParameterError("pose", value, f"is more than {FAR_M:g} m away; give metres")
     return pose
-
-
-def _outcome(code: str, run: Run) -> ServiceAnswer:
-    values: dict[str, object] = {"run": run.number, "solution": run.solutions}
-    if run.best is not None:
-        values["objective"] = float(run.best.objective)
-    words = "\n".join(filter(None, [f"{run.state}: {run.summary()}", run.details]))
-    return answer(code, words, success=True, **values)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 
 import pinocchio as pin
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.parameter import Parameter
 
@@ -25,50 +24,37 @@ from placement_planner_ros.core.warmup.compiling import (
 from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
+from placement_planner_ros.ros.commands import STOP_PATIENCE_S, Commands
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reception import Reception
-from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
 from placement_planner_ros.ros.inputs.transforms import Transforms
-from placement_planner_ros.ros.log import PERIOD, Log
-from placement_planner_ros.ros.namesakes import Namesakes
-from placement_planner_ros.ros.outputs.announcer import Announcer
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
-from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
-from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.server import ParameterNode, ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.process import begin_ros, leave_at_once, share_heaps
-from placement_planner_ros.ros.run.loading import load_input_kernels
-from placement_planner_ros.ros.run.planning import Prepare
-from placement_planner_ros.ros.run.preparation import Preparation
+from placement_planner_ros.ros.run.preparation import Preparation, Prepare, load_input_kernels
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
-from placement_planner_ros.ros.run.warmth import Warmth
-from placement_planner_ros.ros.run.worker import State
+from placement_planner_ros.ros.run.worker import State, Warmth
 from placement_planner_ros.ros.services import answer_always, serve
-from placement_planner_ros.ros.spinning import PERIOD as SIGNAL_PERIOD
-from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
+from placement_planner_ros.ros.spinning import SIGNAL_PERIOD_S, PooledExecutor, spin_until
 
 THREADS = 6
-_SWITCH_INTERVAL = 3e-5
-"""Seconds after which a thread yields the interpreter to one that waits, as the search does after
-each kernel: by the 5 ms that Python waits otherwise it drew 23 % fewer samples a second."""
-_COMPILING_SAID = 10.0
-"""Seconds between lines of how far compiling is."""
-
-_FIRST_INPUTS = 0.7
-"""Seconds for which the first inputs are waited for before it is said that all is warm ..."""
-_PERIOD = 0.02
-"""... and between looks at whether they have come."""
-_PREPARING = 2.0
-"""Seconds for which preparing for them may hold that back."""
-_LOOK = 0.5
-"""Seconds between looks at whether there are robot and arms to warm up with."""
-START_UP_PATIENCE = 5.0
-"""Seconds that the node waits for robot and object to be read before it offers its services."""
+SWITCH_INTERVAL_S = 3e-5
+"""After which a thread yields the interpreter to one that waits, as the search does after each
+kernel: by the 5 ms that Python waits otherwise it drew 23 % fewer samples a second."""
+COMPILING_SAID_S = 10.0
+"""Between lines of how far compiling is."""
+LOOK_S = 0.5
+"""Between looks at whether there are robot and arms to warm up with."""
+FIRST_INPUTS_S = 2.0
+"""For which preparing for the first inputs may hold back that it is said that all is warm."""
+START_UP_PATIENCE_S = 5.0
+"""That the node waits for robot and object to be read before it offers its services."""
 
 
 class PlacementPlannerNode(ParameterNode):
@@ -94,26 +80,21 @@ class PlacementPlannerNode(ParameterNode):
     ) -> None:
         super().__init__("placement_planner", overrides)
         self._log = Log(self.get_logger())
-        self.create_timer(PERIOD, self._log.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
         TROUBLES.listen(self._log.failure)
         self._settings = ParameterServer(self)
-        strange = self._settings.strange(self.given)
-        if strange:
-            self._log.warn(f"parameters without effect: {'; '.join(strange)}")
+        for name, words in self._settings.without_effect().items():
+            self._log.warn(f"parameter without effect: {name}: {words}")
         parameters = self._settings.current
         transforms = Transforms(self, parameters["frame_prefix"])
-        files = Files.below(parameters["package_paths"], parameters["file_roots"])
-        robot = RobotInput(parameters, transforms.pose, files)
         extra = parameters["cloud_topics"]
         self._inputs = Inputs(
-            robot, parameters, extra or ["points"], transforms, self.get_clock(), files
+            parameters, extra or ["points"], transforms, self.get_clock(), self._log
         )
         self.calls = CallPriority()
         self._closed = threading.Event()
         self._warm = Warmth()
-        outputs = Outputs(self)
         self._reporter = Reporter(
-            self, outputs, self._inputs, self._settings, self._warm, self._watching_failed
+            self, Outputs(self), self._inputs, self._settings, self._warm, self._log
         )
         self._preparation = Preparation(
             self._newest, self._has_leisure, self._preparing_failed, self.calls
@@ -123,7 +104,7 @@ class PlacementPlannerNode(ParameterNode):
             self._settings,
             prepare or self._preparation.prepare,
             self._preparation.ready,
-            Announcer(outputs, self._reporter, self._log),
+            self._reporter,
             self._warm,
         )
         topics = list(dict.fromkeys(["points", *extra]))
@@ -137,18 +118,14 @@ class PlacementPlannerNode(ParameterNode):
             self.calls,
         )
         # Nobody calls yet, so nobody waits; who calls first should find it read.
-        for each in (robot, self._inputs.object):
+        for each in (self._inputs.robot, self._inputs.object):
             _wait_for(each, asked or self._closed)
         serve(self, self._commands)
         answer_always(self, self._log)
-        Namesakes(self, self._log)
         self._log.event("ready: start and the other services are offered")
 
     def _preparing_failed(self, error: Exception) -> None:
         self._log.fault("preparing ahead failed; it goes on with the next inputs", error)
-
-    def _watching_failed(self, error: Exception) -> None:
-        self._log.fault("the best placement cannot be held against newer clouds", error)
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
@@ -184,8 +161,6 @@ class PlacementPlannerNode(ParameterNode):
                 return
             except PlacementPlannerError as error:
                 unfit = True
-                if self._movable() != given:
-                    continue
                 self._warm.failure = str(error)
                 self._log.repeats("no search is possible yet", str(error))
             except Exception as error:
@@ -194,14 +169,12 @@ class PlacementPlannerNode(ParameterNode):
                 self._log.fault("warming up failed; runs compile what they need as they go", error)
             else:
                 self._warm.failure = ""
-                words = (
-                    f"warm: what a search needs is loaded after {time.monotonic() - began:.1f} s"
-                )
-                self._log.event(words)
+                seconds = time.monotonic() - began
+                self._log.event(f"warm: what a search needs is loaded after {seconds:.1f} s")
             if not self._warm.is_set():
                 self._warm.set()
                 self._preparation.start()
-            while unfit and self._movable() == given and not self._closed.wait(_LOOK):
+            while unfit and self._movable() == given and not self._closed.wait(LOOK_S):
                 pass
 
     def _warm_up(self) -> None:
@@ -214,38 +187,30 @@ class PlacementPlannerNode(ParameterNode):
         arms = make_arms(robot, parameters)
         for arm in arms:
             known = announced(robot, parameters, arm)
-            words = (
-                known.chain,
-                known.torso,
-                known.limits(not parameters.planner_settings.timing.chosen),
-            )
-            self._log.event("; ".join(filter(None, words)))
+            limits = known.limits(not parameters.planner_settings.timing.chosen)
+            self._log.event("; ".join(filter(None, (known.chain, known.torso, limits))))
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()
         warm_up(robot, arms, q)
-        first.join(_PREPARING)
+        first.join(FIRST_INPUTS_S)
 
     def _prepare_first(self) -> None:
         """Prepare for the first inputs, so that a run told to start once all is warm finds it done.
 
         They are waited for, as clouds and joint states come a moment after the node does.
         """
-        latest = time.monotonic() + _FIRST_INPUTS
+        latest = time.monotonic() + LOOK_S
         while not self._preparation.look():
-            if time.monotonic() > latest or self._closed.wait(_PERIOD):
+            if time.monotonic() > latest or self._closed.wait(SIGNAL_PERIOD_S):
                 return
 
     def _compile(self) -> None:
         """In other processes, where kernels have not been compiled yet."""
 
-        said = -_COMPILING_SAID
-
         def told(progress: CompilationProgress) -> None:
-            nonlocal said
             self._warm.progress = str(progress)
-            if progress.seconds > said + _COMPILING_SAID:
-                said = progress.seconds
-                self._log.event(f"compiling, once for this machine: {progress}")
+            words = f"compiling, once for this machine: {progress}"
+            self.get_logger().info(words, throttle_duration_sec=COMPILING_SAID_S)
 
         try:
             with stoppable(self._closed.is_set):
@@ -269,14 +234,15 @@ class PlacementPlannerNode(ParameterNode):
         return (
             self._commands.busy
             or self._preparation.busy
-            or self._inputs.reading
+            or any(reading.busy for reading in self._inputs.readings)
             or self._reporter.busy
         )
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
         self._closed.set()
-        self._inputs.close()
+        for reading in self._inputs.readings:
+            reading.close()
         self._commands.close()
         self._preparation.close()
         self._reporter.close()
@@ -284,16 +250,16 @@ class PlacementPlannerNode(ParameterNode):
 
 def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
     """Until it is read, cannot be, or takes too long."""
-    latest = time.monotonic() + START_UP_PATIENCE
+    latest = time.monotonic() + START_UP_PATIENCE_S
     while given.state == "reading" and time.monotonic() < latest and not asked.is_set():
-        given.wait(SIGNAL_PERIOD)
+        given.wait(SIGNAL_PERIOD_S)
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     faulthandler.enable()  # a crash in compiled code says what each thread was doing
     share_heaps()
-    sys.setswitchinterval(_SWITCH_INTERVAL)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
@@ -311,8 +277,8 @@ def main(args: list[str] | None = None) -> None:
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    finished = executor.finish(STOP_PATIENCE)
-    warming.join(STOP_PATIENCE)  # for the processes that compile to be ended, too
+    finished = executor.finish(STOP_PATIENCE_S)
+    warming.join(STOP_PATIENCE_S)  # for the processes that compile to be ended, too
     working = not finished or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()

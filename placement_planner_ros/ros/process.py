@@ -6,9 +6,7 @@ import contextlib
 import ctypes
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NoReturn
 
 import rclpy
@@ -21,41 +19,8 @@ def begin_ros(arguments: Sequence[str] | None) -> None:
     Args:
         arguments: of the command line, which None stands for.
     """
-    given = sys.argv if arguments is None else arguments
-    signals = SignalHandlerOptions.NO
-    rclpy.init(args=[*given, *log_arguments()], signal_handler_options=signals)
-
-
-def log_arguments() -> list[str]:
-    """What to add to the command line where there is no room for ROS's log files.
-
-    ROS would not start there; with this its lines go to the console and to `/rosout` only.
-    """
-    try:
-        _require_log_folder()
-    except OSError as error:
-        print(f"no log file is written: {error}; set ROS_LOG_DIR", file=sys.stderr, flush=True)
-        return ["--ros-args", "--disable-external-lib-logs"]
-    return []
-
-
-def _require_log_folder() -> None:
-    """Make the folder that ROS writes its log to.
-
-    Raises:
-        OSError: there is none, or nothing can be written there.
-    """
-    folder = os.environ.get("ROS_LOG_DIR")
-    if not folder:
-        home = os.environ.get("HOME")
-        ros = os.environ.get("ROS_HOME") or (home and f"{home}/.ros")
-        if not ros:
-            raise OSError("there is no home folder")
-        folder = f"{ros}/log"
-    path = Path(os.path.expanduser(folder))
-    path.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=path) as stream:
-        stream.write(b"\n")
+    given = None if arguments is None else list(arguments)
+    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
 
 
 def share_heaps() -> None:

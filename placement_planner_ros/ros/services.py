@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -19,45 +18,32 @@ from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
 
-CHANGING = {
-    "start",
-    "start_with",
-    "confirm_placed",
-    "confirm_placed_with",
-    "remove_placed",
-    "clear_environment",
-}
-"""Services whose success is written down; how a run that is stopped ends is, in any case."""
+_TRIGGERS = ("start", "stop", "confirm_placed", "clear_environment")
+_WITH_PARAMETERS = ("start_with", "stop_with", "confirm_placed_with", "remove_placed")
+_UNTOLD = ("stop", "stop_with")
+"""Services whose success is not written down; how a run ends is, in any case."""
 
 
 def serve(node: Node, commands: Commands) -> None:
     """Offer the commands as services."""
     group = ReentrantCallbackGroup()
 
-    def trigger(name: str, act: Callable[[], ServiceAnswer]) -> None:
-        def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            return _saying(act(), response)
+    def offer(kind: type, name: str) -> None:
+        act: Callable[..., ServiceAnswer] = getattr(commands, name)
 
-        node.create_service(Trigger, name, respond, callback_group=group)
-
-    def with_parameters(name: str, act: Callable[[Sequence[Parameter]], ServiceAnswer]) -> None:
-        def respond(
-            request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
-        ) -> SetParametersAtomically.Response:
+        def respond(request: Any, response: Any) -> Any:
+            if kind is Trigger:
+                return _saying(act(), response)
             return _saying(
                 act([Parameter.from_parameter_msg(p) for p in request.parameters]), response
             )
 
-        node.create_service(SetParametersAtomically, name, respond, callback_group=group)
+        node.create_service(kind, f"~/{name}", respond, callback_group=group)
 
-    trigger("~/start", commands.start)
-    with_parameters("~/start_with", commands.start)
-    trigger("~/stop", commands.stop)
-    with_parameters("~/stop_with", commands.stop_with)
-    trigger("~/confirm_placed", commands.confirm_placed)
-    with_parameters("~/confirm_placed_with", commands.confirm_placed_with)
-    with_parameters("~/remove_placed", commands.remove_placed)
-    trigger("~/clear_environment", commands.clear_environment)
+    for name in _TRIGGERS:
+        offer(Trigger, name)
+    for name in _WITH_PARAMETERS:
+        offer(SetParametersAtomically, name)
 
 
 def answer_always(node: Node, log: Log) -> None:
@@ -80,16 +66,15 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
 
     def answered(request: Any, response: Any) -> Any:
         parameters = getattr(request, "parameters", [])
-        said = unreadable_parameters(parameters)
-        if said is None:
-            try:
-                return respond(request, response)
-            except PlacementPlannerError as error:
-                said = refusal([error])
-            except (Exception, GeneratorExit, SystemExit) as error:
-                log.fault("a request met a fault", error)
-                words = " ".join(str(error).split())
-                said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
+        try:
+            _require_types(parameters)
+            return respond(request, response)
+        except PlacementPlannerError as error:
+            said = refusal([error])
+        except (Exception, GeneratorExit, SystemExit) as error:
+            log.fault("a request met a fault", error)
+            words = " ".join(str(error).split())
+            said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
         return _saying(said, kind.Response(), len(parameters))
 
     def written_down(request: Any, response: Any) -> Any:
@@ -97,11 +82,23 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
         for success, words in _outcomes(response):
             if not success:
                 log.refusal(f"{name} refused", words)
-            elif name in CHANGING:
+            elif name in (*_TRIGGERS, *_WITH_PARAMETERS) and name not in _UNTOLD:
                 log.event(f"{name}: {words}")
         return response
 
     return written_down
+
+
+def _require_types(parameters: Any) -> None:
+    """Refuse a parameter whose type does not exist; of names alone there is none.
+
+    Raises:
+        ParameterError: there is one.
+    """
+    known = {kind.value for kind in Parameter.Type}
+    for each in parameters:
+        if each.value.type not in known:
+            raise ParameterError(each.name, f"type {each.value.type}", "is no type")
 
 
 def _saying(said: ServiceAnswer, response: Any, parameters: int = 0) -> Any:
@@ -120,16 +117,5 @@ def _outcomes(response: Any) -> list[tuple[bool, str]]:
     """Whether what was asked for was done, and words; of each parameter, where it has several."""
     if hasattr(response, "success"):
         return [(response.success, response.message)]
-    if hasattr(response, "result") and hasattr(response.result, "successful"):
-        return [(response.result.successful, response.result.reason)]
-    results = getattr(response, "results", ())
-    return [(each.successful, each.reason) for each in results]
-
-
-def unreadable_parameters(parameters: Sequence[ParameterMessage]) -> ServiceAnswer | None:
-    """A refusal of parameters whose type does not exist."""
-    known = {kind.value for kind in Parameter.Type}
-    bad = [p for p in parameters if p.value.type not in known]
-    if not bad:
-        return None
-    return refusal([ParameterError(p.name, f"type {p.value.type}", "is no type") for p in bad])
+    results = getattr(response, "results", [getattr(response, "result", None)])
+    return [(each.successful, each.reason) for each in results if hasattr(each, "successful")]

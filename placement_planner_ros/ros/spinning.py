@@ -21,11 +21,10 @@ from rclpy.task import Task
 
 from placement_planner_ros.ros.call_priority import CallPriority
 
-PERIOD = 0.1
-"""Seconds within which a signal is noticed."""
-
-REST = 0.01
-"""Seconds from handing out a callback until it is looked what else is ready. Each look takes rclpy
+SIGNAL_PERIOD_S = 0.1
+"""Within which a signal is noticed."""
+REST_S = 0.01
+"""From handing out a callback until it is looked what else is ready. Each look takes rclpy
 the better part of a millisecond of the interpreter, which the search waits for, and without a rest
 there are two or three for each message: as it comes, as it is taken, as its callback ends."""
 
@@ -62,7 +61,7 @@ class PooledExecutor(Executor):
             if task not in self._begun:  # rclpy hands out a task until it has begun
                 self._begun.append(task)
                 self._pool.submit(self._work, task, isinstance(entity, Service))
-                self._rested = time.monotonic() + REST
+                self._rested = time.monotonic() + REST_S
         for task in list(self._begun):
             if task.done():
                 self._begun.remove(task)
@@ -137,7 +136,7 @@ def spin_until(
     """
     while not asked.is_set():
         try:
-            executor.spin_once(timeout_sec=PERIOD)
+            executor.spin_once(timeout_sec=SIGNAL_PERIOD_S)
         except Exception as error:
             # The node's outermost frame. rclpy's own services raise here at a request they cannot
             # read, and no client's mistake may end a run of another.

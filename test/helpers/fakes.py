@@ -25,7 +25,7 @@ from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.node import PlacementPlannerNode
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.run.planning import Prepared
+from placement_planner_ros.ros.run.preparation import Prepared
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME

@@ -114,7 +114,7 @@ def test_the_planning_frame_is_looked_up_at_each_start(tf2, bench):
     feed(ROOT, Time(sec=50))
     assert ("map", ROOT, 50 * 10**9) in [asked[:3] for asked in buffer.asked]
     expected = np.array([moved.act(p) for p in TABLE])
-    np.testing.assert_allclose(b.node._inputs.clouds.latest_points()[0], expected, atol=1e-6)
+    np.testing.assert_allclose(b.node._inputs.clouds.latest()["points"].points, expected, atol=1e-6)
     buffer.known.clear()
     b.joint_state()
     assert "BAD_ROBOT" in b.call("start").text

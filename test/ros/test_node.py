@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Point
 from helpers.fakes import COMPILED, FRAME, TABLE, started, values_of
+from helpers.snapshots import seen
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -20,7 +21,7 @@ from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.run.surroundings import Surroundings, sight_notes
+from placement_planner_ros.ros.run.surroundings import Surroundings, environment_notes
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
 
@@ -357,7 +358,7 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
     snapshot = b.snapshots[1]
     assert snapshot.origins[0].tolist() == [0.0, 0.0, 0.8]
     careful = Surroundings.of(snapshot).environment()
-    (note,) = sight_notes(snapshot, careful)
+    (note,) = environment_notes(snapshot, careful)
     assert 0.0 < careful.seen < 1.0
     assert f"seen {careful.seen:.0%} of target_volume" in note
     free = snapshot.parameters.changed({"unknown_space": "free"})
@@ -386,7 +387,7 @@ def test_reliability_follows_the_publishers(bench):
     message = message_from_points(TABLE[:7], Header(frame_id=FRAME))
     clouds = b.node._inputs.clouds
     b.wait(
-        lambda: any(len(points) == 7 for points in clouds.latest_points()),
+        lambda: any(len(c.points) == 7 for c in clouds.latest().values()),
         again=lambda: loose.publish(message),
     )
     b.client.destroy_publisher(loose)
@@ -403,7 +404,7 @@ def test_a_cloud_in_the_frame_of_a_link_follows_the_robot(bench):
     robot = b.node._inputs.robot.robot
     q = robot.configuration(b.node._inputs.joints.positions())
     expected = robot.link_pose(q, "gripper_l_base").act(np.array([0.0, 0.0, 0.2]))
-    got = np.vstack(b.node._inputs.clouds.latest_points())
+    got = np.vstack([c.points for c in b.node._inputs.clouds.latest().values()])
     np.testing.assert_allclose(got[-1], expected, atol=1e-6)
 
 
@@ -443,7 +444,7 @@ def test_a_confirmed_object_is_not_filtered_as_held(bench):
     inside = np.array([(T_world_tip * snapshot.arms[0].grasps[0]).translation])
     clouds = (TABLE, np.repeat(inside, 50, axis=0))
     for placed in (False, True):
-        both = replace(snapshot, clouds=clouds, origins=(None, None), placed=(False, placed))
+        both = seen(snapshot, clouds, (None, None), (False, placed))
         made = Surroundings.of(both).environment()
         boxes = made.obstacles
         near = np.abs((boxes.lower + boxes.upper) / 2 - inside).max(axis=1) < 0.02

@@ -7,7 +7,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 import placement_planner_ros
-from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
+from placement_planner_ros.ros.parameters.server import ParameterNode
 
 ROS = Path(placement_planner_ros.__file__).parent / "ros"
 FILES = sorted(ROS.rglob("*.py"))

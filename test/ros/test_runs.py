@@ -134,14 +134,6 @@ def test_what_was_placed_can_be_taken_away(bench):
     b.wait(lambda: b.status()["placed"] == "")
 
 
-def test_only_the_newest_poses_are_kept(bench, monkeypatch):
-    monkeypatch.setattr(worker, "MOST_POSES", 2)
-    b = bench()
-    run = placed(b, 0.1, 0.2, 0.3)
-    assert b.call("confirm_placed_with", run=run, solution=1).code == "BAD_PARAMETER"
-    assert b.call("confirm_placed_with", run=run, solution=2).code == "OK"
-
-
 # --- ends
 
 
@@ -213,7 +205,7 @@ def test_the_time_limit_counts_from_the_first_sample(bench):
 
 
 def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monkeypatch):
-    monkeypatch.setattr(worker, "PREPARATION_LIMIT", 0.2)
+    monkeypatch.setattr(worker, "PREPARATION_LIMIT_S", 0.2)
     b = bench()
 
     def prepare(should_stop):
@@ -228,7 +220,7 @@ def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monk
     said = b.messages("status")[-1].message
     assert "0.2 s" in said
     assert "making the open hand of arm left" in said
-    monkeypatch.setattr(worker, "PREPARATION_LIMIT", 1000.0)
+    monkeypatch.setattr(worker, "PREPARATION_LIMIT_S", 1000.0)
     b.feed()
     assert b.call("start").success
     assert b.call("stop").code == "OK"
@@ -326,7 +318,7 @@ def test_setting_parameters_is_answered_whatever_happens(bench, monkeypatch):
 def test_a_run_that_cannot_begin_does_not_keep_the_next_from_it(bench, monkeypatch, where):
     b = bench()
     b.feed()
-    owner = worker.Run if where == "start" else b.node._commands._announcer
+    owner = worker.Run if where == "start" else b.node._commands._reporter
     with monkeypatch.context() as patch:
         patch.setattr(owner, where, raising(RuntimeError("can't start new thread")))
         assert b.call("start").code == "INTERNAL"

@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from placement_planner_ros.ros.spinning import REST, PooledExecutor, hand_out, spin_until, waiting
+from placement_planner_ros.ros.spinning import REST_S, PooledExecutor, hand_out, spin_until, waiting
 
 
 @pytest.fixture
@@ -99,9 +99,9 @@ def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     first, waited_for = len(looks), list(heard)
     looks.clear()
     began = time.monotonic()
-    while time.monotonic() < began + 30 * REST or not looks:
+    while time.monotonic() < began + 30 * REST_S or not looks:
         several[0].publish(String(data="again"))
-        time.sleep(REST / 20)
+        time.sleep(REST_S / 20)
     asked.set()
     thread.join()
     ended = executor.finish(60.0)
@@ -111,7 +111,7 @@ def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     assert first < len(waited_for), "one look for each"
     for who in "ab":
         assert [each for each in waited_for if each[0] == who] == [f"{who}{n}" for n in range(5)]
-    assert 0 < len(looks) <= (looks[-1] - began) / REST + 2
+    assert 0 < len(looks) <= (looks[-1] - began) / REST_S + 2
 
 
 def test_who_sends_without_a_rest_is_not_listened_to_for_ever():

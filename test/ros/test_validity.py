@@ -14,7 +14,7 @@ from std_msgs.msg import Header, String
 from placement_planner_ros.ros.inputs import inputs as inputs_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.run.validity import Ways
+from placement_planner_ros.ros.run import watch
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
 
@@ -176,8 +176,8 @@ def ends_of(b):
 def test_a_cloud_that_came_before_a_solution_is_never_overlooked(bench, monkeypatch):
     b = bench()
     planner = started(b)
-    go_on, make = threading.Event(), Ways.of
-    monkeypatch.setattr(Ways, "of", lambda self, at: make(self, at) if go_on.wait(60.0) else None)
+    go_on, make = threading.Event(), watch.way_of
+    monkeypatch.setattr(watch, "way_of", lambda *of: make(*of) if go_on.wait(60.0) else None)
     updates = b.node._inputs.clouds.updates
     b.cloud(np.vstack([TABLE, ends_of(b)]))
     b.wait(lambda: b.node._inputs.clouds.updates > updates)

@@ -15,14 +15,12 @@ from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
-
 MAX_MERGED = 5_000_000
 """Points that accumulate at most."""
+OTHER_CLOCK_S = 86400.0
+"""Age from which on a cloud's stamp is likely of another clock."""
 
 _NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
-
-_OTHER_CLOCK = 86400.0
-"""Seconds of age from which on a cloud's stamp is likely of another clock."""
 
 
 class CloudStaleError(PlacementPlannerError):
@@ -105,7 +103,7 @@ class CloudStore:
         with self._lock:
             before = self._latest.get(topic)
         same = False
-        if before is not None and _same(before, cloud):
+        if before is not None and _shows_the_same(before, cloud):
             same, cloud = True, replace(cloud, points=before.points)
         with self._lock:
             newest = self._latest.get(topic)
@@ -193,10 +191,6 @@ class CloudStore:
         with self._lock:
             return {t: PointSet(cloud.points, cloud.origin) for t, cloud in self._latest.items()}
 
-    def latest_points(self) -> tuple[Array, ...]:
-        """The points (n, 3) of each topic's newest cloud."""
-        return tuple(cloud.points for cloud in self.latest().values())
-
     @property
     def merged(self) -> Array:
         """The points (n, 3) accumulated."""
@@ -214,30 +208,45 @@ class CloudStore:
     def faults(
         self, mode: str, max_age: float, now: float, needed: bool = True
     ) -> list[PlacementPlannerError]:
-        """Everything that keeps `snapshot` from being taken."""
-        with self._lock:
-            return self._faults(mode, max_age, now, needed)
+        """Everything for which the environment is not known.
 
-    def snapshot(
-        self, mode: str, max_age: float, now: float, needed: bool = True
-    ) -> tuple[PointSet, ...]:
+        Args:
+            mode: `latest` or `merge`.
+            max_age: seconds, for `latest`; 0 for any age.
+            needed: False where other things are known: then clouds need not have come.
+        """
+        with self._lock:
+            # A traceback would grow each time.
+            faults = [error.with_traceback(None) for error in self._refused.values()]
+            latest = {t: cloud for t, cloud in self._latest.items() if t not in self._refused}
+            missing = [t for t in self._required if t not in self._latest | self._refused]
+        ages = {t: now - c.time for t, c in latest.items() if 0.0 < max_age < now - c.time}
+        if missing and needed:
+            faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
+        if mode == "latest" and ages:
+            words = f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0"
+            if max(ages.values()) > OTHER_CLOCK_S:
+                words += "; or are they stamped by another clock than the joint states?"
+            shown = {topic: f"{age:.1f} s" for topic, age in ages.items()}
+            faults.append(CloudStaleError("clouds: ages", shown, words))
+        if needed and not faults and not self.parts(mode):
+            words = (
+                "there is no finite point in any; look at the sensor, or name the topics that show "
+                "the surroundings in cloud_topics"
+            )
+            where = f"0 points on {', '.join(latest) or 'any topic'}"
+            faults.append(CloudError("clouds", where, words))
+        return faults
+
+    def parts(self, mode: str) -> tuple[PointSet, ...]:
         """Every point set that makes up the environment.
 
         Accumulated points come without an origin, as they were seen from several.
 
         Args:
             mode: `latest` or `merge`.
-            max_age: seconds, for `latest`; 0 for any age.
-            needed: False where other things are known: then clouds need not have come.
-
-        Raises:
-            CloudError: a required topic has no cloud, or there is no point in any.
-            CloudStaleError: a topic's newest cloud is too old.
-            PlacementPlannerError: a topic's newest cloud was refused; the reason it was refused.
         """
         with self._lock:
-            for fault in self._faults(mode, max_age, now, needed):
-                raise fault.with_traceback(None)  # which would grow each time
             sets = [
                 PointSet(cloud.points, cloud.origin, topic=topic, time=cloud.time)
                 for topic, cloud in self._latest.items()
@@ -245,48 +254,12 @@ class CloudStore:
             if mode == "merge":
                 sets.append(PointSet(self._merged.points))
             sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
-            return tuple(part for part in sets if len(part.points))
-
-    def _faults(
-        self, mode: str, max_age: float, now: float, needed: bool
-    ) -> list[PlacementPlannerError]:
-        """With the lock held."""
-        faults = list(self._refused.values())
-        missing = [
-            topic
-            for topic in self._required
-            if topic not in self._latest and topic not in self._refused
-        ]
-        if missing and needed:
-            faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
-        stale = {
-            topic: f"{now - cloud.time:.1f} s"
-            for topic, cloud in self._latest.items()
-            if topic not in self._refused and 0.0 < max_age < now - cloud.time
-        }
-        if mode == "latest" and stale:
-            words = f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0"
-            if any(now - self._latest[topic].time > _OTHER_CLOCK for topic in stale):
-                words += "; or are they stamped by another clock than the joint states?"
-            faults.append(CloudStaleError("clouds: ages", stale, words))
-        known = [cloud.points for cloud in self._latest.values()]
-        known += [thing.points for thing in self._standing.values()]
-        if mode == "merge":
-            known.append(self._merged.points)
-        if needed and not faults and not any(len(points) for points in known):
-            faults.append(
-                CloudError(
-                    "clouds",
-                    f"0 points on {', '.join(self._latest) or 'any topic'}",
-                    "there is no finite point in any; look at the sensor, or name the topics that "
-                    "show the surroundings in cloud_topics",
-                )
-            )
-        return faults
+        return tuple(part for part in sets if len(part.points))
 
 
-def _same(a: StoredCloud, b: StoredCloud) -> bool:
+def _shows_the_same(a: StoredCloud, b: StoredCloud) -> bool:
     """Whether both show the same, seen from the same place."""
-    if a.origin is None or b.origin is None:
-        return a.origin is b.origin and np.array_equal(a.points, b.points)
-    return np.array_equal(a.origin, b.origin) and np.array_equal(a.points, b.points)
+    same_place = a.origin is b.origin or (
+        a.origin is not None and b.origin is not None and np.array_equal(a.origin, b.origin)
+    )
+    return same_place and np.array_equal(a.points, b.points)

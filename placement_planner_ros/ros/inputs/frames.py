@@ -10,7 +10,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.point_cloud import FAR
+from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 
@@ -26,10 +26,8 @@ class ChainMovingError(CloudFrameError):
 
 OPTICAL = "optical_frame"
 """How the name of a camera's frame ends whose z looks forward, x right and y down (REP 103)."""
-_LOOKED_AT = 2000
-"""Points at which is looked to tell which way the axes point."""
-_FORWARD = 0.9
-"""Share of a camera's points that lie before it, at least."""
+FORWARD_SHARE = 0.9
+"""Of a camera's points that lie before it, at least."""
 
 JointValues = Callable[[Sequence[str]], Mapping[str, float]]
 """Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
@@ -55,12 +53,26 @@ def cloud_pose(
         CloudFrameError: the frame is empty, unknown, too far away, or on a link whose joints or
             whose robot's place are unknown.
     """
-    if not frame:
-        raise CloudFrameError("cloud frame_id", frame, "publish clouds with their frame's name")
-    T_planning_cloud = _pose(frame, parameters, robot, joints, transform, moved)
-    if not np.abs(T_planning_cloud.translation).max() <= FAR:
-        raise CloudFrameError("cloud frame_id", frame, f"is more than {FAR:g} m away")
-    return T_planning_cloud
+    found = parameters.sensor_pose(frame)
+    if found is None and frame == robot.root_link:
+        found = pin.SE3.Identity()
+    elif found is None and robot.has_link(frame):
+        found = _link_pose(frame, robot, joints, moved)
+    elif found is None and frame:
+        found = transform(frame)
+    if found is None:
+        words = "publish clouds with their frame's name"
+        if frame in parameters["sensor_frames"]:
+            words = f"sensor_frames declares it, but sensor_poses.{frame} is not set"
+        elif frame:
+            words = (
+                "is neither a declared sensor frame (sensor_frames, sensor_poses.<frame>), nor the "
+                f"planning frame {robot.root_link!r}, nor a link of the robot, nor known to tf2"
+            )
+        raise CloudFrameError("cloud frame_id", frame, words)
+    if not np.abs(found.translation).max() <= FAR_M:
+        raise CloudFrameError("cloud frame_id", frame, f"is more than {FAR_M:g} m away")
+    return found
 
 
 def is_eye(frame: str, height: int, parameters: ParameterSet) -> bool:
@@ -79,47 +91,15 @@ def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
     """
     if not frame.endswith(OPTICAL) or not len(points):
         return ""
-    some = points[:: max(1, len(points) // _LOOKED_AT)]
+    some = points[:: max(1, len(points) // 2000)]
     ahead = ((some - T_planning_cloud.translation) @ T_planning_cloud.rotation > 0.0).mean(axis=0)
-    if ahead[2] >= _FORWARD or ahead[0] < _FORWARD:
+    if ahead[2] >= FORWARD_SHARE or ahead[0] < FORWARD_SHARE:
         return ""
     return (
         f"the points in {frame} lie along its x axis, as in the frame of a body: in an optical "
         "frame z looks forward, x right and y down (REP 103); publish them with the body's frame, "
         "or turned"
     )
-
-
-def _pose(
-    frame: str,
-    parameters: ParameterSet,
-    robot: Robot,
-    joints: JointValues,
-    transform: Callable[[str], pin.SE3 | None],
-    moved: Callable[[], pin.SE3],
-) -> pin.SE3:
-    given = parameters.sensor_pose(frame)
-    if given is not None:
-        return given
-    if frame == robot.root_link:
-        return pin.SE3.Identity()
-    if robot.model.existFrame(frame, pin.FrameType.BODY):
-        return _link_pose(frame, robot, joints, moved)
-    found = transform(frame)
-    if found is None and frame in parameters["sensor_frames"]:
-        raise CloudFrameError(
-            "cloud frame_id",
-            frame,
-            f"sensor_frames declares it, but sensor_poses.{frame} is not set",
-        )
-    if found is None:
-        raise CloudFrameError(
-            "cloud frame_id",
-            frame,
-            "is neither a declared sensor frame (sensor_frames, sensor_poses.<frame>), nor the "
-            f"planning frame {robot.root_link!r}, nor a link of the robot, nor known to tf2",
-        )
-    return found
 
 
 def _link_pose(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -14,11 +14,7 @@ from rclpy.clock import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import (
-    CloudError,
-    JointStateError,
-    PlacementPlannerError,
-)
+from placement_planner_ros.core.errors import CloudError, JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
@@ -45,20 +41,28 @@ from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import DescriptionError, RobotInput
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.inputs.transforms import Transforms
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 MAX_NAMES = 10_000
 """Names that a joint state may have."""
 
 
+class _Received(NamedTuple):
+    """A cloud that came, taken at a time by the steady clock; arrivals grow."""
+
+    message: PointCloud2
+    taken: float
+    arrival: int
+
+
 class Inputs:
     """Robot, clouds, joint states and object. Safe to use from several threads.
 
     Args:
-        robot: where the robot comes from.
         topics: cloud topics; of each a cloud is needed.
         clock: the node's, to judge how old a stamp is.
-        files: finds mesh files.
+        log: hears of what is read.
 
     Attributes:
         turned: by topic, what is wrong with the axes of its clouds' frame, in words.
@@ -66,24 +70,24 @@ class Inputs:
 
     def __init__(
         self,
-        robot: RobotInput,
         parameters: ParameterSet,
         topics: Iterable[str],
         transforms: Transforms,
         clock: Clock,
-        files: Files,
+        log: Log | None = None,
     ) -> None:
-        self.robot = robot
+        files = Files.below(parameters["package_paths"], parameters["file_roots"])
+        self.robot = RobotInput(parameters, transforms.pose, files, log)
         self.joints = JointStates()
-        self.object = ObjectInput(parameters, files)
+        self.object = ObjectInput(parameters, files, log)
         self.clouds = CloudStore(tuple(topics))
         self.known = KnownObjects(files)
         self._transforms = transforms
         self._clock = clock
         self._lock = threading.Lock()
-        self._known: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
-        self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
-        self._declared: dict[str, tuple[PointCloud2, float, int, pin.SE3]] = {}
+        self._known_joints: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
+        self._waiting: dict[str, _Received] = {}
+        self._declared: dict[str, tuple[_Received, pin.SE3]] = {}
         self._arrivals = 0
         self._frames: dict[str, str] = {}
         self.turned: dict[str, str] = {}
@@ -96,24 +100,21 @@ class Inputs:
         """
         names, position = message.name, message.position
         if len(names) > MAX_NAMES:
-            raise JointStateError(
-                "joint_states", f"{len(names)} names", f"a message may have {MAX_NAMES}"
-            )
+            words = f"a message may have {MAX_NAMES}"
+            raise JointStateError("joint_states", f"{len(names)} names", words)
         stamp = _seconds(message.header.stamp)
         if stamp is not None and stamp < 0.0:
             raise JointStateError("joint_states: header.stamp", stamp, "must not be negative")
-        known, continuous = self.robot.joint_names, self.robot.continuous_joints
-        if (known, continuous) != self._known:
-            self._known = known, continuous
-            self.joints.keep(known, continuous)
+        known = self.robot.joint_names, self.robot.continuous_joints
+        if known != self._known_joints:
+            self._known_joints = known
+            self.joints.keep(*known)
         if len(position) == len(names):
             # What the robot does not have is not kept: nobody would ever forget it.
-            mine = [i for i, name in enumerate(names) if name in known]
-            if len(mine) < len(names):
-                names, position = [names[i] for i in mine], [position[i] for i in mine]
-        if stamp is None:
-            stamp = self._now()
-        self.joints.update(names, position, time.monotonic(), stamp)
+            mine = [i for i, name in enumerate(names) if name in known[0]]
+            names, position = [names[i] for i in mine], [position[i] for i in mine]
+        now = self._now() if stamp is None else stamp
+        self.joints.update(names, position, time.monotonic(), now)
 
     def take_cloud(self, topic: str, message: PointCloud2, parameters: ParameterSet) -> None:
         """Store a cloud in the planning frame.
@@ -130,9 +131,9 @@ class Inputs:
             self._declared.pop(topic, None)
             self._arrivals += 1
             arrival = self._arrivals
-        taken = time.monotonic() - self._age(message)
+        received = _Received(message, time.monotonic() - self._age(message), arrival)
         try:
-            self._store(topic, message, taken, arrival, parameters, wait=True)
+            self._store(topic, received, parameters, wait=True)
         except ChainMovingError:
             if topic not in self.clouds.ages(0.0):
                 raise
@@ -141,19 +142,52 @@ class Inputs:
             moved = isinstance(error.__cause__, RobotMovingError)
             if not (moved and _seconds(message.header.stamp) is None):
                 with self._lock:
-                    self._waiting[topic] = (message, taken, arrival)
+                    self._waiting[topic] = received
             raise
+
+    def retry_clouds(self, parameters: ParameterSet) -> None:
+        """Take clouds whose frame was unknown when they came, where it is known now.
+
+        And anew those whose sensor is said to be elsewhere since, but for what was merged.
+        """
+        with self._lock:
+            for topic, (received, pose) in self._declared.items():
+                now = parameters.sensor_pose(self._frames[topic])
+                if now is not None and now != pose:
+                    self._waiting.setdefault(topic, received)
+            waiting = dict(self._waiting)
+        for topic, received in waiting.items():
+            error = None
+            try:
+                self._store(topic, received, parameters)
+            except PlacementPlannerError as refused:
+                error = refused
+            with self._lock:
+                if self._waiting.get(topic) is not received:
+                    continue  # another one has come meanwhile
+                if error is None:
+                    self._waiting.pop(topic)
+                else:
+                    self.clouds.refuse(topic, error)
 
     def joints_to_sensors(self, robot: Robot, parameters: ParameterSet) -> set[str]:
         """Joints on which the place of a cloud's frame depends."""
-        with self._lock:
-            frames = set(self._frames.values())
         return {
             joint
-            for frame in frames
-            if parameters.sensor_pose(frame) is None and robot.has_link(frame)
+            for frame in self._sensor_links(robot)
+            if parameters.sensor_pose(frame) is None
             for joint in robot.joints_to(frame)
         }
+
+    def _sensor_links(self, robot: Robot, more: Iterable[str] = ()) -> set[str]:
+        """Links that are the frame of a cloud, or named here."""
+        with self._lock:
+            frames = {*self._frames.values(), *more}
+        return {frame for frame in frames if robot.has_link(frame)}
+
+    def turned_notes(self) -> list[str]:
+        """What is wrong with axes of clouds, in words."""
+        return [f"{topic}: {words}" for topic, words in self.turned.items() if words]
 
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:
         """Equal at two moments where nothing that a snapshot is taken of has changed."""
@@ -173,10 +207,8 @@ class Inputs:
             ParameterError: `world_links` or `self_filter.padding_of` name what is none.
         """
         require_links(robot, parameters)
-        sensors = {*parameters["sensor_frames"], *self._frames.values()}
-        ends = {arm.tip_frame for arm in arms}
-        ends.update(f for f in sensors if robot.model.existFrame(f, pin.FrameType.BODY))
-        return fixed_links(robot, ends, parameters[WORLD_LINKS])
+        ends = self._sensor_links(robot, parameters["sensor_frames"])
+        return fixed_links(robot, ends | {a.tip_frame for a in arms}, parameters[WORLD_LINKS])
 
     def known_surfaces(self, robot: Robot, parameters: ParameterSet) -> tuple[KnownSurface, ...]:
         """The known objects, in the planning frame.
@@ -184,25 +216,15 @@ class Inputs:
         Raises:
             PlacementPlannerError: one is unusable, being read, or in a frame that nobody knows.
         """
+        prefix = parameters["frame_prefix"]
         return self.known.surfaces(
-            lambda frame: self._frame_pose(
-                frame.removeprefix(parameters["frame_prefix"]), Time(), robot, parameters
-            )
+            lambda frame: self._frame_pose(frame.removeprefix(prefix), Time(), robot, parameters)
         )
 
     @property
-    def reading(self) -> bool:
-        """Whether a description or a mesh is being read."""
-        return any(each.busy for each in self._readings)
-
-    @property
-    def _readings(self) -> tuple[Reading[Any], ...]:
+    def readings(self) -> tuple[Reading[Any], ...]:
+        """Where descriptions and meshes are read."""
         return self.robot.reading, self.object.reading, self.known.reading
-
-    def close(self) -> None:
-        """Read nothing more."""
-        for each in self._readings:
-            each.close()
 
     def confirm(self, run: int, body: Body, T_world_object: pin.SE3) -> None:
         """What the run placed stands there: its surface is part of the environment now."""
@@ -222,15 +244,9 @@ class Inputs:
         return self._clock.now().nanoseconds * 1e-9
 
     def _store(
-        self,
-        topic: str,
-        message: PointCloud2,
-        taken: float,
-        arrival: int,
-        parameters: ParameterSet,
-        *,
-        wait: bool = False,
+        self, topic: str, received: _Received, parameters: ParameterSet, *, wait: bool = False
     ) -> None:
+        message, taken, arrival = received
         robot, header = self.robot.robot, message.header
         frame = header.frame_id.removeprefix(parameters["frame_prefix"])
         merged = parameters["cloud.mode"] == "merge"
@@ -245,7 +261,7 @@ class Inputs:
         self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
         if parameters.sensor_pose(frame) is not None and not merged:
             with self._lock:  # which may be told to be elsewhere
-                self._declared[topic] = message, taken, arrival, T_planning_cloud
+                self._declared[topic] = received, T_planning_cloud
         if merged:
             if origin is not None:  # once among others, they cannot be told any more
                 points = points[~flying_pixels(points, origin)]
@@ -270,23 +286,16 @@ class Inputs:
         seconds = _seconds(stamp)
 
         def joints(names: Sequence[str]) -> dict[str, float]:
-            rest_speed = parameters["rest_speed"]
+            rest_speed, timeout = parameters["rest_speed"], parameters["joint_state_timeout"]
             moving = self.joints.moving(names, seconds, rest_speed) if still else []
             if moving:
-                raise ChainMovingError(
-                    "cloud frame_id",
-                    frame,
+                words = (
                     f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
-                    "are not merged; publish one from where the sensor stands still",
+                    "are not merged; publish one from where the sensor stands still"
                 )
-            return self.joints.at(
-                names,
-                seconds,
-                time.monotonic(),
-                parameters["joint_state_timeout"],
-                rest_speed,
-                parameters.assumed_joints,
-            )
+                raise ChainMovingError("cloud frame_id", frame, words)
+            now, assumed = time.monotonic(), parameters.assumed_joints
+            return self.joints.at(names, seconds, now, timeout, rest_speed, assumed)
 
         return cloud_pose(
             frame,
@@ -296,33 +305,6 @@ class Inputs:
             lambda name: self._transforms.pose(robot.root_link, name, stamp, wait=wait),
             lambda: self.robot.moved(stamp),
         )
-
-    def retry_clouds(self, parameters: ParameterSet) -> None:
-        """Take clouds whose frame was unknown when they came, where it is known now.
-
-        And anew those whose sensor is said to be elsewhere since, but for what was merged.
-        """
-        with self._lock:
-            waiting = dict(self._waiting)
-            for topic, (message, taken, arrival, pose) in self._declared.items():
-                frame = message.header.frame_id.removeprefix(parameters["frame_prefix"])
-                now = parameters.sensor_pose(frame)
-                if now is not None and now != pose and topic not in waiting:
-                    waiting[topic] = self._waiting[topic] = message, taken, arrival
-        for topic, (message, taken, arrival) in waiting.items():
-            error = None
-            try:
-                self._store(topic, message, taken, arrival, parameters)
-            except PlacementPlannerError as refused:
-                error = refused
-            with self._lock:
-                waits = self._waiting.get(topic)
-                if waits is None or waits[2] != arrival:
-                    continue  # another one has come meanwhile
-                if error is None:
-                    self._waiting.pop(topic)
-                else:
-                    self.clouds.refuse(topic, error)
 
 
 def _seconds(stamp: Time) -> float | None:

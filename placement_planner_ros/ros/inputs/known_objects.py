@@ -21,14 +21,12 @@ from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.inputs.resources import Files
 
 TOPIC = "~/known_objects"
-MOST = 1000
-"""Things that may be known at a time."""
-_ROUND = 0.0002
-"""m by which the facets of what is round lie within it at most."""
-_FINEST = 6
-"""Times that the triangles of a ball are divided by four at most."""
-_FAR = 1e4
-"""m from its frame within which a thing lies."""
+MOST_THINGS = 1000
+"""That may be known at a time."""
+ROUND_M = 0.0002
+"""By which the facets of what is round lie within it at most."""
+FAR_M = 1e4
+"""From its frame; a thing lies within it."""
 
 Name = tuple[str, int]
 """Namespace and id."""
@@ -87,7 +85,7 @@ class KnownObjects:
         self._files = files
         self._lock = threading.Lock()
         self._things: dict[Name, _Thing] = {}
-        self.reading: Reading[Array] = Reading(TOPIC, _explain)
+        self.reading: Reading[Array] = Reading(TOPIC, KnownObjectError)
         self.changes = 0
 
     def __len__(self) -> int:
@@ -107,8 +105,8 @@ class KnownObjects:
                 things.pop(name, None)
             elif marker.action == Marker.DELETEALL:
                 things = {n: thing for n, thing in things.items() if marker.ns not in ("", n[0])}
-            elif name not in things and len(things) >= MOST:
-                faults.append(KnownObjectError(TOPIC, f"{MOST} things", "delete some"))
+            elif name not in things and len(things) >= MOST_THINGS:
+                faults.append(KnownObjectError(TOPIC, f"{MOST_THINGS} things", "delete some"))
             else:
                 made = things[name] = self._thing(marker, f"{TOPIC}: {marker.ns}/{marker.id}")
                 faults += [] if made.fault is None else [made.fault]
@@ -161,11 +159,11 @@ class KnownObjects:
                 raise KnownObjectError(
                     f"{field}: orientation", numbers[3:].tolist(), "give length 1"
                 )
-            if not (np.abs(numbers[:3]) <= _FAR).all():
+            if not (np.abs(numbers[:3]) <= FAR_M).all():
                 raise KnownObjectError(f"{field}: position", numbers[:3].tolist(), "give metres")
             rotation = pin.Quaternion(numbers[3:] / np.linalg.norm(numbers[3:]))
             T = pin.SE3(rotation.toRotationMatrix(), numbers[:3])
-            if not ((scale > 0.0) & (scale <= _FAR)).all():
+            if not ((scale > 0.0) & (scale <= FAR_M)).all():
                 raise KnownObjectError(f"{field}: scale", scale.tolist(), "give metres above zero")
             if marker.type == Marker.MESH_RESOURCE:
                 file = self._file(marker.mesh_resource, f"{field}: mesh_resource")
@@ -188,7 +186,7 @@ class KnownObjects:
         def read(should_stop: Callable[[], bool]) -> Array:
             try:
                 with MeshProcess(should_stop) as process:
-                    vertices, triangles = process.read(path)
+                    vertices, triangles, _ = process.read(path)
             except (OSError, ValueError) as error:
                 raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
             return vertices[triangles]
@@ -209,12 +207,12 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
     if marker.type == Marker.SPHERE:
         # each division halves the edges, of which there are five around a pole at first
         fine = int(np.ceil(np.log2(_sections(float(scale.max()) / 2) / 5)))
-        ball = trimesh.creation.icosphere(min(max(fine, 3), _FINEST), 0.5)
+        ball = trimesh.creation.icosphere(min(max(fine, 3), 6), 0.5)
         return np.asarray(ball.triangles) * scale
     if marker.type == Marker.TRIANGLE_LIST:
         require_few(len(marker.points), len(marker.points) // 3)
         points = np.array([[p.x, p.y, p.z] for p in marker.points]) * scale
-        if not len(points) or len(points) % 3 or not (np.abs(points) <= _FAR).all():
+        if not len(points) or len(points) % 3 or not (np.abs(points) <= FAR_M).all():
             raise KnownObjectError(
                 f"{field}: points", f"{len(points)} points", "give three for each triangle, m"
             )
@@ -227,10 +225,6 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
 
 
 def _sections(radius: float) -> int:
-    """Facets around what is round, so that they lie within it by `_ROUND` at most."""
-    share = min(_ROUND / radius, 1.0)
+    """Facets around what is round, so that they lie within it by `ROUND_M` at most."""
+    share = min(ROUND_M / radius, 1.0)
     return max(16, int(np.ceil(np.pi / np.arccos(1.0 - share))))
-
-
-def _explain(error: Exception) -> PlacementPlannerError:
-    return KnownObjectError(TOPIC, type(error).__name__, f"cannot be read: {error}")

@@ -11,8 +11,9 @@ from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int64]
 
-_BITS = 21
-"""Of a cube's number for each axis: 2.6 km in each direction of cubes of 2.5 mm."""
+CUBE_BITS = 21
+"""Of a cube's number for each axis: 2.6 km in each direction of cubes of 2.5 mm, beyond which
+nothing accumulates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,60 +23,35 @@ class MergedPoints:
     Attributes:
         points: (n, 3) metres.
         edge: of the cubes, metres.
-        cubes: (n,) numbers of the cubes, ascending; None where some are too far away for one, all
-            points then being looked at for each cloud.
+        cubes: (n,) numbers of the cubes, ascending.
     """
 
     points: Array
     edge: float
-    cubes: Index | None
+    cubes: Index
 
     @classmethod
     def of(cls, points: Array, edge: float) -> MergedPoints:
         """Points (n, 3), thinned."""
-        kept = points[_one_per_cube(points, edge)]
-        cubes = _numbers(kept, edge)
-        return cls(kept, edge, None if cubes is None else np.sort(cubes))
+        return cls(np.empty((0, 3)), edge, np.empty(0, np.int64)).with_points(points, edge)
 
     def with_points(self, points: Array, edge: float) -> MergedPoints:
         """The same and the points (n, 3) that lie in further cubes; itself where none does."""
         if edge != self.edge:
             return MergedPoints.of(self.points, edge).with_points(points, edge)
-        cubes = _numbers(points, edge)
-        if cubes is None or self.cubes is None:
-            together = MergedPoints.of(np.vstack([self.points, points]), edge)
-            return together if len(together.points) > len(self.points) else self
-        coming, first = np.unique(cubes, return_index=True)
-        places = np.searchsorted(self.cubes, coming)
-        known = np.zeros(len(coming), np.bool_)
-        inside = places < len(self.cubes)
-        known[inside] = self.cubes[places[inside]] == coming[inside]
-        if known.all():
+        limit = 1 << CUBE_BITS - 1
+        cells = np.floor(points / edge)
+        near = (np.abs(cells) < limit).all(axis=1)
+        x, y, z = cells[near].astype(np.int64).T + limit
+        coming, first = np.unique((x << 2 * CUBE_BITS) + (y << CUBE_BITS) + z, return_index=True)
+        new = ~np.isin(coming, self.cubes, assume_unique=True)
+        if not new.any():
             return self
-        further = points[np.sort(first[~known])]
-        numbers = np.insert(self.cubes, places[~known], coming[~known])
-        return MergedPoints(np.vstack([self.points, further]), edge, numbers)
+        places = np.searchsorted(self.cubes, coming[new])
+        cubes = np.insert(self.cubes, places, coming[new])
+        further = points[near][np.sort(first[new])]
+        return MergedPoints(np.vstack([self.points, further]), edge, cubes)
 
     def without(self, which: npt.NDArray[np.bool_]) -> MergedPoints:
         """The same without some of the points (n,)."""
         return MergedPoints.of(self.points[~which], self.edge) if which.any() else self
-
-
-def _numbers(points: Array, edge: float) -> Index | None:
-    """(n,) number of the cube that each of (n, 3) points is in; None where some have none."""
-    limit = 1 << _BITS - 1
-    cubes = np.floor(points / edge)
-    if len(cubes) and not -limit <= cubes.min() <= cubes.max() < limit:
-        return None
-    whole = cubes.astype(np.int64) + limit
-    return np.asarray((whole[:, 0] << 2 * _BITS) + (whole[:, 1] << _BITS) + whole[:, 2])
-
-
-def _one_per_cube(points: Array, edge: float) -> Index:
-    """Rows, ascending, of the first of (n, 3) points in each cube of that edge."""
-    cubes = _numbers(points, edge)
-    if cubes is None:
-        _, first = np.unique(np.floor(points / edge), axis=0, return_index=True)
-    else:
-        _, first = np.unique(cubes, return_index=True)
-    return np.sort(first)

@@ -23,12 +23,17 @@ from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.covers import cover_in
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
+from placement_planner_ros.ros.inputs.mesh_process import (
+    MeshProcess,
+    MeshProcessStoppedError,
+    cover_in,
+)
 from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
+Triangles = npt.NDArray[np.int64]
 Source = Literal["none", "topic", "mesh", "vertices"]
 _SOURCE_OF: dict[str, Source] = {
     "object.mesh": "mesh",
@@ -44,62 +49,38 @@ class NoObjectError(PlacementPlannerError):
 
 
 @dataclass(frozen=True, slots=True)
-class _Mesh:
-    """Vertices (n, 3) and triangles (t, 3) as given; equal where these are."""
+class _Given:
+    """Something that an object is made of.
 
-    digest: bytes
-    vertices: Array
-    triangles: npt.NDArray[np.int64]
+    Attributes:
+        key: equal where it is the same.
+        content: a digest of what it holds now.
+        arrays: vertices (n, 3), triangles (t, 3), and that digest as they were read.
+    """
+
+    key: Hashable
+    content: Callable[[], bytes]
+    arrays: Callable[[MeshProcess], tuple[Array, Triangles, bytes]]
 
     @classmethod
-    def of(cls, vertices: Array, triangles: npt.NDArray[np.int64]) -> _Mesh:
+    def of_mesh(cls, vertices: Array, triangles: Triangles) -> _Given:
+        """A mesh as it is."""
         digest = hashlib.sha1(vertices.tobytes(), usedforsecurity=False)
         digest.update(triangles.tobytes())
-        return cls(digest.digest(), vertices, triangles)
-
-    @property
-    def key(self) -> Hashable:
-        return self.digest
-
-    def content(self) -> bytes:
-        """A digest of what it holds, as `arrays` has it."""
-        return f"arrays {self.vertices.shape} {self.triangles.shape} ".encode() + self.digest
-
-    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64], bytes]:
-        """Vertices, triangles, and `content` of them."""
-        return self.vertices, self.triangles, self.content()
-
-
-@dataclass(frozen=True, slots=True)
-class _File:
-    """A mesh file in the state it was in when it was named."""
-
-    path: Path
-    state: tuple[int, int, int]
+        content = f"arrays {vertices.shape} {triangles.shape} ".encode() + digest.digest()
+        return cls(content, lambda: content, lambda _: (vertices, triangles, content))
 
     @classmethod
-    def of(cls, path: Path) -> _File:
+    def of_file(cls, path: Path) -> _Given:
+        """A mesh file in the state it was in when it was named."""
         found = path.stat()
-        return cls(path, (found.st_ino, found.st_size, found.st_mtime_ns))
 
-    @property
-    def key(self) -> Hashable:
-        return self.path, self.state
+        def content() -> bytes:
+            check_header(path)
+            return content_digest(path.suffix.lower(), path.read_bytes())
 
-    def content(self) -> bytes:
-        """A digest of what it holds now, by its bytes."""
-        try:
-            check_header(self.path)
-            return content_digest(self.path.suffix.lower(), self.path.read_bytes())
-        except (ValueError, OSError) as error:
-            raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
-
-    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64], bytes]:
-        """Vertices, triangles, and `content` as they were read, should the file have changed."""
-        try:
-            return process.read_with_digest(self.path)
-        except (ValueError, OSError) as error:
-            raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
+        key = path, found.st_ino, found.st_size, found.st_mtime_ns
+        return cls(key, content, lambda process: process.read(path))
 
 
 class ObjectInput:
@@ -108,29 +89,27 @@ class ObjectInput:
     Bodies are made in the background. What a value, or a file's header, shows to be wrong is told
     at once.
 
-    Attributes:
-        progress: what takes long while the newest object is read; empty where nothing does.
-
     Args:
         parameters: as at start-up; the file they name may be anywhere.
         files: finds mesh files.
+        log: hears of what is read.
+
+    Attributes:
+        reading: where bodies are made.
     """
 
-    def __init__(self, parameters: ParameterSet, files: Files) -> None:
+    def __init__(self, parameters: ParameterSet, files: Files, log: Log | None = None) -> None:
         self._lock = threading.Lock()
         self._files = files
         self._operators = str(parameters["object.mesh"])
-        self._topic: _Mesh | PlacementPlannerError | None = None
-        self._source: Source = _given(parameters, ("object.vertices", "object.mesh"), "none")
-        self._file: _File | PlacementPlannerError | None = None
-        self._listed: tuple[object, object, _Mesh] | None = None
-        self._reading: Reading[Body] = Reading("object", _explain)
+        self._log = log
+        self._topic: _Given | PlacementPlannerError | None = None
+        self._source: Source = _source_of(parameters, ("object.vertices", "object.mesh"), "none")
+        self._listed: tuple[object, object, _Given] | None = None
+        self.reading: Reading[Body] = Reading("object", ObjectError, _read_words, log)
         self._parameters = parameters
         self._key: Hashable = None
         self._fault: PlacementPlannerError | None = None
-        self._progress_listener: Callable[[str], None] | None = None
-        self.progress = ""
-        self._find(parameters)
         self._begin(parameters)
 
     @property
@@ -145,16 +124,16 @@ class ObjectInput:
         return self._key, self.state
 
     @property
-    def fault(self) -> PlacementPlannerError | None:
-        """What is wrong with the object by what it shows, before it is read."""
-        return self._fault
+    def progress(self) -> str:
+        """What takes long while the newest object is read; empty where nothing does."""
+        return self.reading.progress
 
     @property
     def state(self) -> State:
         """Whether there is an object, as `~/status` says it."""
         if self._fault is not None:
             return "none" if isinstance(self._fault, NoObjectError) else "bad"
-        return self._reading.state(self._key)
+        return self.reading.state(self._key)
 
     @property
     def assumed(self) -> str:
@@ -162,26 +141,17 @@ class ObjectInput:
         if self.state != "ready":
             return ""
         try:
-            return "; ".join(self._reading.get(self._key).assumed)
+            return "; ".join(self.reading.get(self._key).assumed)
         except PlacementPlannerError:  # replaced just now
             return ""
 
-    @property
-    def reading(self) -> Reading[Body]:
-        """Where bodies are made."""
-        return self._reading
-
-    def follow_progress(self, listener: Callable[[str], None]) -> None:
-        """Call this with words for each piece of work that takes long."""
-        self._progress_listener = listener
-
     def wait(self, patience: float | None = None) -> None:
         """Return once the body is there, or cannot be."""
-        self._reading.wait(self._key, patience)
+        self.reading.wait(self._key, patience)
 
-    def set_mesh(self, vertices: Array, triangles: npt.NDArray[np.int64]) -> None:
+    def set_mesh(self, vertices: Array, triangles: Triangles) -> None:
         """The topic's newest mesh, (n, 3) and (t, 3); from now on it is the object."""
-        self._take(_Mesh.of(vertices, triangles))
+        self._take(_Given.of_mesh(vertices, triangles))
 
     def refuse_mesh(self, error: PlacementPlannerError) -> None:
         """The topic's newest mesh is not one; until another comes there is no object."""
@@ -197,9 +167,7 @@ class ObjectInput:
                 fallback = self._source
             changed = [name for name in names if name in _SOURCE_OF]
             if changed:
-                self._source = _given(parameters, changed, fallback)
-        if "object.mesh" in names:
-            self._find(parameters)
+                self._source = _source_of(parameters, changed, fallback)
         if any(name.startswith("object.") for name in names):
             self._begin(parameters)
 
@@ -230,10 +198,10 @@ class ObjectInput:
             ObjectError: it is unusable.
         """
         key, read = self._content(parameters, overridden)
-        self._reading.want(key, read)
-        return self._reading.get(key)
+        self.reading.want(key, read)
+        return self.reading.get(key)
 
-    def _take(self, topic: _Mesh | PlacementPlannerError) -> None:
+    def _take(self, topic: _Given | PlacementPlannerError) -> None:
         with self._lock:
             self._topic = topic
             self._source = "topic"
@@ -247,11 +215,13 @@ class ObjectInput:
             key, read = self._content(parameters)
         except PlacementPlannerError as error:
             self._key, self._fault = None, error
+            if self._log is not None and not isinstance(error, NoObjectError):
+                self._log.repeats("object refused", str(error))
         else:
             self._key, self._fault = key, None
-            self._reading.want(key, read, lasting=True)
+            self.reading.want(key, read, lasting=True)
         if before != self._key:
-            self._reading.forget(before)
+            self.reading.forget(before)
 
     def _content(
         self, parameters: ParameterSet, overridden: Iterable[str] = ()
@@ -259,17 +229,16 @@ class ObjectInput:
         """What tells the object from others, and how it is made."""
         with self._lock:
             mine = [name for name in overridden if name in _SOURCE_OF]
-            source = _given(parameters, mine, self._source)
-            topic, file = self._topic, self._file
+            source = _source_of(parameters, mine, self._source)
+            given = self._topic
         if source in ("mesh", "vertices"):
-            source = _given(parameters, [f"object.{source}"], "none")
-        given: _Mesh | _File | PlacementPlannerError | None = None
-        if source == "topic":
-            given = topic
-        elif source == "mesh":
-            given = self._open(parameters["object.mesh"]) if "object.mesh" in mine else file
+            source = _source_of(parameters, [f"object.{source}"], "none")
+        if source == "mesh":
+            given = self._open(parameters["object.mesh"])
         elif source == "vertices":
             given = self._listed_mesh(parameters)
+        elif source == "none":
+            given = None
         if given is None:
             raise NoObjectError(
                 "object", "not given", "publish ~/object, or set object.mesh or object.vertices"
@@ -283,9 +252,13 @@ class ObjectInput:
             return digest_of(_makers(), content, tuple(center), scale, settings)
 
         def make(should_stop: ShouldStop) -> Body:
-            body: Body | None = find_result("prepared objects", key_of(given.content()))
-            if body is None:
-                body = anew(should_stop)
+            try:
+                body: Body | None = find_result("prepared objects", key_of(given.content()))
+                if body is None:
+                    body = anew(should_stop)
+            except (ValueError, OSError) as error:
+                uri = str(parameters["object.mesh"])
+                raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
             # Takes seconds for many triangles, and start's answer is not to wait for it.
             object_solids(body)
             return body
@@ -295,61 +268,33 @@ class ObjectInput:
                 vertices, triangles, content = given.arrays(process)
                 if should_stop():
                     raise MeshProcessStoppedError
-                began = partial(
-                    self._tell,
-                    f"cover of the object ({len(triangles):,} triangles), once for each mesh",
-                )
+                words = f"cover of the object ({len(triangles):,} triangles), once for each mesh"
                 failed: list[bool] = []
                 cover = partial(
                     cover_in,
                     process,
-                    began=began,
+                    began=partial(self.reading.tell, words),
                     seconds=MOST_SECONDS,
                     failed=partial(failed.append, True),
                 )
-                try:
-                    body = Body.from_mesh(
-                        vertices,
-                        triangles,
-                        center_of_mass=np.array(center) if center else None,
-                        scale=scale,
-                        settings=settings,
-                        cover=cover,
-                    )
-                finally:
-                    self._tell("")
+                middle = np.array(center) if center else None
+                body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
             if not failed:
                 keep_result("prepared objects", key_of(content), body)
             return body
 
         return (given.key, tuple(center), scale, settings), make
 
-    def _tell(self, progress: str) -> None:
-        self.progress = progress
-        if progress and self._progress_listener is not None:
-            self._progress_listener(progress)
-
-    def _find(self, parameters: ParameterSet) -> None:
-        """Look for the file that the parameters name."""
-        file: _File | PlacementPlannerError | None = None
-        if parameters["object.mesh"]:
-            try:
-                file = self._open(parameters["object.mesh"])
-            except PlacementPlannerError as error:
-                file = error
-        with self._lock:
-            self._file = file
-
-    def _open(self, uri: str) -> _File:
+    def _open(self, uri: str) -> _Given:
         """A mesh file by its name, its header found in order."""
         try:
             path = self._files.find(uri, trusted=uri == self._operators)
             check_header(path)
-            return _File.of(path)
+            return _Given.of_file(path)
         except (OSError, ValueError) as error:
             raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
 
-    def _listed_mesh(self, parameters: ParameterSet) -> _Mesh:
+    def _listed_mesh(self, parameters: ParameterSet) -> _Given:
         """The mesh that object.vertices and object.triangles list."""
         vertices, triangles = parameters["object.vertices"], parameters["object.triangles"]
         listed = self._listed
@@ -368,7 +313,7 @@ class ObjectInput:
                 int(np.max(faces)),
                 f"there are only {len(vertices) // 3} vertices",
             )
-        mesh = _Mesh.of(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
+        mesh = _Given.of_mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
         self._listed = vertices, triangles, mesh
         return mesh
 
@@ -378,7 +323,7 @@ def _makers() -> str:
     return digest_of(code_digest(Body.__module__), pin.__version__)
 
 
-def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:
+def _source_of(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:
     """The source that the last non-empty one of these parameters belongs to."""
     source = otherwise
     for name in names:
@@ -387,5 +332,6 @@ def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) ->
     return source
 
 
-def _explain(error: Exception) -> PlacementPlannerError:
-    return ObjectError("object", "the newest", f"cannot be used: {type(error).__name__}: {error}")
+def _read_words(body: Body) -> str:
+    words = [f"{len(body.triangles)} triangles", *body.assumed, *body.warnings]
+    return f"object read: {'; '.join(words)}"

@@ -18,14 +18,14 @@ from placement_planner_ros.ros.inputs.structured_points import KINDS, structured
 MAX_POINTS = 5_000_000
 """Points that a cloud may have."""
 
-FAR = 1e6
-"""Metres from the sensor beyond which a coordinate is none."""
+FAR_M = 1e6
+"""From the sensor, beyond which a coordinate is none."""
 
 
 def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:
     """The cloud's finite points, (n, 3) metres in that frame, or in its own without one.
 
-    See `structured_points` for what is read. Points with coordinates that are NaN or beyond `FAR`
+    See `structured_points` for what is read. Points with coordinates that are NaN or beyond `FAR_M`
     are left out, and those at the frame's origin, as which some drivers send pixels without a
     measurement.
 
@@ -71,8 +71,8 @@ def _column(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
 def _read(
     x: npt.NDArray[Any], y: npt.NDArray[Any], z: npt.NDArray[Any], T: Array, points: Array
 ) -> int:
-    """Fill `points` (h w, 3) with those of (h, w) that are not zero, nor farther than `FAR`, moved
-    by T (4, 4); how many."""
+    """Fill `points` (h w, 3) with those of (h, w) that are not zero, nor farther than `FAR_M`, and
+    moved by T (4, 4); how many."""
     kept = 0
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
@@ -81,7 +81,9 @@ def _read(
             v = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
             w = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
             measured = a != 0.0 or b != 0.0 or c != 0.0
-            if measured and abs(a) <= FAR and abs(b) <= FAR and abs(c) <= FAR:  # and are numbers
+            if (
+                measured and abs(a) <= FAR_M and abs(b) <= FAR_M and abs(c) <= FAR_M
+            ):  # and are numbers
                 points[kept, 0] = u
                 points[kept, 1] = v
                 points[kept, 2] = w

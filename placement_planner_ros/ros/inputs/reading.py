@@ -8,6 +8,7 @@ from typing import Generic, Literal, TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.process import give_memory_back
 
 Made = TypeVar("Made")
@@ -17,13 +18,12 @@ State = Literal["none", "reading", "ready", "bad"]
 ShouldStop = Callable[[], bool]
 Read = Callable[[ShouldStop], Made]
 """Reads one content. Raises a PlacementPlannerError where that cannot be, and a StoppedError soon
-after it is told to stop; whatever else it raises is made a PlacementPlannerError by `explain`."""
+after it is told to stop."""
 
 KEPT = 4
 """Contents that are known at a time besides lasting ones: those of single calls."""
-
-_CLOSING = 0.5
-"""Seconds that closing waits at most."""
+CLOSING_S = 0.5
+"""That closing waits at most."""
 
 
 class NotReadyError(PlacementPlannerError):
@@ -49,25 +49,35 @@ class Reading(Generic[Made]):
 
     Args:
         field: what is read, as the user names it.
-        explain: makes what nobody expected a PlacementPlannerError.
+        refusal: the error that says that it cannot be read.
+        words: what is said of a content that was read.
+        log: hears of what is read, or cannot be; None for nobody.
+
+    Attributes:
+        progress: what takes long while a content is read; empty where nothing does.
     """
 
-    def __init__(self, field: str, explain: Callable[[Exception], PlacementPlannerError]) -> None:
+    def __init__(
+        self,
+        field: str,
+        refusal: type[PlacementPlannerError],
+        words: Callable[[Made], str] = lambda _: "",
+        log: Log | None = None,
+    ) -> None:
         self._field = field
-        self._explain = explain
+        self._refusal = refusal
+        self._words = words
+        self._log = log
         self._lock = threading.Lock()
         self._jobs: dict[Hashable, _Job[Made]] = {}
         self._thread: threading.Thread | None = None
-        self._listener: Callable[[Hashable], None] | None = None
-        self._untold: list[Hashable] = []
+        self.progress = ""
 
-    def listen(self, listener: Callable[[Hashable], None]) -> None:
-        """Call this with the key of each content that was read, or could not be."""
-        with self._lock:
-            self._listener = listener
-            untold, self._untold = self._untold, []
-        for key in untold:
-            self._tell(listener, key)
+    def tell(self, progress: str) -> None:
+        """A piece of work that takes long begins; '' where it has ended."""
+        self.progress = progress
+        if progress and self._log is not None:
+            self._log.event(progress)
 
     def want(self, key: Hashable, read: Read[Made], *, lasting: bool = False) -> None:
         """Have that content read, unless it is, or is being, or could not be.
@@ -103,12 +113,11 @@ class Reading(Generic[Made]):
             self.forget(key)
         thread = self._thread
         if thread is not None:
-            thread.join(_CLOSING)
+            thread.join(CLOSING_S)
 
     def state(self, key: Hashable) -> State:
         """How far reading that content is."""
-        with self._lock:
-            job = self._jobs.get(key)
+        job = self._job(key)
         if job is None:
             return "none"
         if not job.ended.is_set():
@@ -122,14 +131,10 @@ class Reading(Generic[Made]):
             NotReadyError: it has not been read yet.
             PlacementPlannerError: it could not be read.
         """
-        with self._lock:
-            job = self._jobs.get(key)
+        job = self._job(key)
         if job is None or not job.ended.is_set():
-            raise NotReadyError(
-                self._field,
-                "being read",
-                f"start again when ~/status says {self._field}: ready",
-            )
+            words = f"start again when ~/status says {self._field}: ready"
+            raise NotReadyError(self._field, "being read", words)
         if job.error is not None:
             raise job.error.with_traceback(None)  # which would grow each time
         assert job.made is not None
@@ -137,10 +142,13 @@ class Reading(Generic[Made]):
 
     def wait(self, key: Hashable, patience: float | None = None) -> None:
         """Return once that content is read, cannot be, or is wanted no more."""
-        with self._lock:
-            job = self._jobs.get(key)
+        job = self._job(key)
         if job is not None:
             job.ended.wait(patience)
+
+    def _job(self, key: Hashable) -> _Job[Made] | None:
+        with self._lock:
+            return self._jobs.get(key)
 
     @property
     def busy(self) -> bool:
@@ -155,29 +163,27 @@ class Reading(Generic[Made]):
                     self._thread = None
                     return
             key, job = left[-1]
+            words = ""
             try:
                 job.made = job.read(job.stop.is_set)
+                words = self._words(job.made)
             except PlacementPlannerError as error:
                 job.error = error
             except MeshProcessStoppedError:
                 job.error = NotReadyError(self._field, "not read", "it was replaced")
             except Exception as error:
                 # The thread's outermost frame: what is read comes from anywhere.
-                job.error = self._explain(error)
-                job.error.__cause__ = error
+                told = f"cannot be read: {type(error).__name__}: {error}"
+                job.error = self._refusal(self._field, "the newest", told)
+                if self._log is not None:
+                    self._log.fault(f"{self._field} cannot be read for a fault", error)
+            self.progress = ""
+            if job.error is not None:
+                forget_where(job.error)
             job.ended.set()
-            with self._lock:
-                wanted, listener = self._jobs.get(key) is job, self._listener
-                if wanted and listener is None:
-                    self._untold.append(key)
-            if wanted and listener is not None:
-                self._tell(listener, key)
+            if self._log is not None and self._job(key) is job:
+                if job.error is not None:
+                    self._log.repeats(f"{self._field} refused", str(job.error))
+                elif words:
+                    self._log.event(words)
             give_memory_back()
-
-    def _tell(self, listener: Callable[[Hashable], None], key: Hashable) -> None:
-        """Tell who listens of a content, where its error was raised too, for the last time."""
-        listener(key)
-        with self._lock:
-            job = self._jobs.get(key)
-        if job is not None and job.error is not None:
-            forget_where(job.error)

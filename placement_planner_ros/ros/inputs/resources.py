@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
@@ -50,7 +50,7 @@ def package_share(package: str) -> Path:
     except (PackageNotFoundError, ValueError, OSError) as error:
         # OSError: there is no ament index at all, as AMENT_PREFIX_PATH is not set.
         folder = _PIP_SHARE / package
-        if _NAME.fullmatch(package) and _is_dir(folder):
+        if _NAME.fullmatch(package) and _exists(folder, Path.is_dir):
             return folder
         raise FileNotFoundError(
             f"package {package} is not in the ament index; source its workspace"
@@ -92,7 +92,7 @@ class Files:
         candidates = list(self._candidates(uri, trusted, beside))
         may = [path for path in candidates if trusted or self._is_open(path)]
         for path in may:
-            if _is_file(path):
+            if _exists(path, Path.is_file):
                 return path
         raise FileNotFoundError(self._why_not(uri, trusted, beside, may))
 
@@ -104,34 +104,21 @@ class Files:
                 return _ELSEWHERE
             words = f"there is no file {' nor '.join(map(str, tried))}"
             return words + (_OTHER_MACHINE if found else "")
-        if scheme != "package":
-            return f"{scheme}:// is not read; use package://PACKAGE/PATH, file:///PATH or a path"
-        package, _, inside = unquote(rest).partition("/")
-        if not package:
-            words = "names no package; write two slashes: package://PACKAGE/PATH"
-            return words + self._meant(inside.lstrip("/"), trusted, beside)
-        if not _NAME.fullmatch(package):
-            return f"{package!r} is no name of a package"
+        package = unquote(rest).partition("/")[0]
+        if scheme != "package" or not _NAME.fullmatch(package):
+            return "is not read; use package://PACKAGE/PATH, file:///PATH or a path"
         looked_in = dict.fromkeys(self._package_folders(package, beside))
         folders = [each for each in looked_in if trusted or self._is_open(each)]
-        there = [str(folder) for folder in folders if _is_dir(folder)]
+        there = [str(folder) for folder in folders if _exists(folder, Path.is_dir)]
         if there:
             return f"package {package} lacks it; looked in {', '.join(there)}"
-        looked = ", ".join(["the ament index", *map(str, folders)])
         if package == _ROBOTS:
             return f"the robots to try are not installed: pip install {package}"
+        looked = ", ".join(["the ament index", *map(str, folders)])
         return (
             f"package {package} is not known; tried {looked}: add the folder that holds {package} "
             "to package_paths, or source its workspace"
         )
-
-    def _meant(self, inside: str, trusted: bool, beside: Path | None) -> str:
-        """What a URI without package may have meant: that its path begins with the package."""
-        meant = f"package://{inside}"
-        for path in self._candidates(meant, trusted, beside):
-            if (trusted or self._is_open(path)) and _is_file(path):
-                return f", here package://{inside.partition('/')[0]}/..., where it is"
-        return ""
 
     def _candidates(self, uri: str, trusted: bool, beside: Path | None) -> Iterator[Path]:
         if uri.startswith("package://"):
@@ -167,7 +154,8 @@ class Files:
         """Whether anybody may name it; looks at no file outside of the folders that are open."""
         plain = Path(os.path.normpath(path))
         # Packages may be installed as links to where they are built from.
-        installed = [Path(prefix, "share") for prefix in _prefixes()] + [share_path("urdf")]
+        prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+        installed = [*(Path(prefix, "share") for prefix in prefixes), share_path("urdf")]
         if ".." not in path.parts and any(plain.is_relative_to(root) for root in installed):
             return True
         roots = [*self.package_paths, *self.file_roots]
@@ -178,26 +166,15 @@ class Files:
         return any(real.is_relative_to(root) for root in real_roots)
 
 
-def _prefixes() -> list[str]:
-    return [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-
-
 def _expanded(path: str) -> Path:
     """With ~ for the home folder; another user's is nobody's business."""
     return Path(os.path.expanduser(path) if path == "~" or path.startswith("~/") else path)
 
 
-def _is_file(path: Path) -> bool:
+def _exists(path: Path, is_there: Callable[[Path], bool]) -> bool:
     try:
-        return path.is_file()
+        return is_there(path)
     except OSError:  # a name too long, a folder that may not be entered
-        return False
-
-
-def _is_dir(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:
         return False
 
 

@@ -27,50 +27,31 @@ def structured_points(message: PointCloud2) -> npt.NDArray[Any]:
     order = ">" if message.is_bigendian else "<"
     formats, offsets = [], []
     for name in "xyz":
-        if name not in fields:
+        field = fields.get(name)
+        if field is None:
             raise CloudError(f"cloud field {name}", sorted(fields), "is missing")
-        field = fields[name]
-        if field.datatype not in KINDS:
-            raise CloudError(
-                f"cloud field {name}", f"datatype {field.datatype}", "must be float32 or float64"
-            )
-        if field.count > 1:
-            raise CloudError(f"cloud field {name}", f"count {field.count}", "must be 1")
-        size = int(KINDS[field.datatype][1])
-        if field.offset + size > message.point_step:
-            raise CloudError(
-                f"cloud field {name}",
-                f"offset {field.offset}",
-                f"does not fit into point_step {message.point_step}",
-            )
-        formats.append(order + KINDS[field.datatype])
+        kind = KINDS.get(field.datatype)
+        if kind is None or field.count > 1:
+            words = f"datatype {field.datatype}, count {field.count}"
+            raise CloudError(f"cloud field {name}", words, "must be one float32 or float64")
+        if field.offset + int(kind[1]) > message.point_step:
+            words = f"does not fit into point_step {message.point_step}"
+            raise CloudError(f"cloud field {name}", f"offset {field.offset}", words)
+        formats.append(order + kind)
         offsets.append(field.offset)
-    width, height = message.width, message.height
+    width, height, step = message.width, message.height, message.point_step
     layout = np.dtype(
-        {
-            "names": ["x", "y", "z"],
-            "formats": formats,
-            "offsets": offsets,
-            "itemsize": message.point_step,
-        }
+        {"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step}
     )
     if width * height == 0:
         return np.empty((0, 0), layout)
-    if height > 1 and message.row_step < width * message.point_step:
-        raise CloudError(
-            "cloud row_step",
-            message.row_step,
-            f"is less than width {width} times point_step {message.point_step}",
-        )
-    row_step = message.row_step if height > 1 else width * message.point_step
-    needed = (height - 1) * row_step + width * message.point_step
+    row_step = message.row_step if height > 1 else width * step
+    if row_step < width * step:
+        words = f"is less than width {width} times point_step {step}"
+        raise CloudError("cloud row_step", row_step, words)
+    needed = (height - 1) * row_step + width * step
     if len(message.data) < needed:
-        raise CloudError(
-            "cloud data", f"{len(message.data)} bytes", f"{height} x {width} points need {needed}"
-        )
-    return np.ndarray(
-        shape=(height, width),
-        dtype=layout,
-        buffer=memoryview(message.data),
-        strides=(row_step, message.point_step),
-    )
+        words = f"{height} x {width} points need {needed}"
+        raise CloudError("cloud data", f"{len(message.data)} bytes", words)
+    data = memoryview(message.data)
+    return np.ndarray((height, width), layout, data, strides=(row_step, step))

@@ -4,26 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion
+from rclpy.duration import Duration
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, Trajectory
-
-_NANOSECONDS = 1_000_000_000
-
-
-def time_message(nanoseconds: int) -> Time:
-    """A time from nanoseconds since the epoch."""
-    return Time(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
-
-
-def duration_message(seconds: float) -> Duration:
-    """A duration, rounded to nanoseconds."""
-    nanoseconds = round(seconds * _NANOSECONDS)
-    return Duration(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
 
 
 def trajectory_message(trajectory: Trajectory | None, key: str) -> JointTrajectory:
@@ -34,18 +21,12 @@ def trajectory_message(trajectory: Trajectory | None, key: str) -> JointTrajecto
     message.joint_names = list(trajectory.joints)
     message.points = [
         JointTrajectoryPoint(
-            positions=positions.tolist(),
-            velocities=velocities.tolist(),
-            accelerations=accelerations.tolist(),
-            time_from_start=duration_message(float(time)),
+            positions=trajectory.positions[row].tolist(),
+            velocities=trajectory.velocities[row].tolist(),
+            accelerations=trajectory.accelerations[row].tolist(),
+            time_from_start=Duration(nanoseconds=round(float(time) * 1e9)).to_msg(),
         )
-        for time, positions, velocities, accelerations in zip(
-            trajectory.times,
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
-            strict=True,
-        )
+        for row, time in enumerate(trajectory.times)
     ]
     return message
 
@@ -73,8 +54,3 @@ def pose_message(T: pin.SE3) -> Pose:
     px, py, pz = T.translation.tolist()
     x, y, z, w = pin.Quaternion(T.rotation).normalized().coeffs().tolist()
     return Pose(position=Point(x=px, y=py, z=pz), orientation=Quaternion(x=x, y=y, z=z, w=w))
-
-
-def stamped_pose(T: pin.SE3, frame: str, stamp: Time) -> PoseStamped:
-    """A pose in a frame."""
-    return PoseStamped(header=Header(frame_id=frame, stamp=stamp), pose=pose_message(T))

@@ -6,7 +6,6 @@ import math
 import threading
 import time
 from collections.abc import Mapping
-from itertools import compress
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +16,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.time import Time as RosTime
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
@@ -29,8 +29,7 @@ from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.outputs.answers import shown
 from placement_planner_ros.ros.outputs.conversions import (
-    stamped_pose,
-    time_message,
+    pose_message,
     trajectory_message,
     with_all_joints,
 )
@@ -38,9 +37,10 @@ from placement_planner_ros.ros.outputs.markers import no_markers, placement_mark
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
-_PATH_POINTS = 60
-_DRAW_AFTER = 0.5
-"""Seconds from the beginning of a search to its first markers, unless a placement comes before."""
+PATH_POINTS = 60
+"""Of the arm's path as it is drawn."""
+DRAW_AFTER_S = 0.5
+"""From the beginning of a search to its first markers, unless a placement comes before."""
 
 
 class Outputs:
@@ -78,11 +78,11 @@ class Outputs:
             self._trajectory.publish(trajectory_message(None, key))
             self._retreat.publish(trajectory_message(None, key))
             self._markers.publish(no_markers())
-            header = Header(frame_id=frame, stamp=self._now())
+            header = Header(frame_id=frame, stamp=self._stamp())
             self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
             values = {"run": run, "solution": 0, "has_retreat": "false"}
             words = f"run {run} has no solution yet"
-            self._solution.publish(self._manifest(self._stamp(), frame, words, values))
+            self._solution.publish(self._manifest(header, words, values))
 
     def environment(self, snapshot: Snapshot, environment: Environment) -> None:
         """Obstacle set and regions, once they are known.
@@ -95,7 +95,7 @@ class Outputs:
     def draw(self) -> None:
         """Publish obstacle set and regions of a run that has gone on for a moment."""
         with self._lock:
-            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + _DRAW_AFTER:
+            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + DRAW_AFTER_S:
                 self._draw()
 
     def draw_now(self) -> None:
@@ -109,8 +109,7 @@ class Outputs:
             return
         snapshot, environment, _ = self._undrawn
         self._undrawn = None
-        stamp = self._now()
-        header = Header(frame_id=snapshot.frame, stamp=stamp)
+        header = Header(frame_id=snapshot.frame, stamp=self._now())
         obstacles = environment.obstacles
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
@@ -118,8 +117,8 @@ class Outputs:
         if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != keep_out:
             boxes = boxes_of(keep_out)
             regions = cut(environment.regions, boxes) if keep_out else environment.regions
-            standing = list(compress(snapshot.clouds, snapshot.placed))
-            self._scene = scene_markers(snapshot.frame, stamp, volume, boxes, regions, standing)
+            standing = [part.points for part in snapshot.parts if part.placed]
+            self._scene = scene_markers(header, volume, boxes, regions, standing)
             self._drawn = environment, keep_out
         self._markers.publish(MarkerArray(markers=self._scene))
 
@@ -135,52 +134,45 @@ class Outputs:
 
         Its markers come last, as nobody acts on them.
         """
-        key = f"{run}/{number}"
-        goal = placement.goal
+        key, goal, frame = f"{run}/{number}", placement.goal, snapshot.frame
         trajectory, retreat = placement.trajectory, placement.retreat
         if snapshot.parameters["trajectory_joints"] == "all":
             robot, q = snapshot.robot, snapshot.q_start
             trajectory = with_all_joints(trajectory, robot, q)
             if retreat is not None:
-                arm = next(a for a in snapshot.arms if a.name == goal.arm)
-                retreat = with_all_joints(retreat, robot, robot.with_open_hand(q, arm))
+                opened = robot.with_open_hand(q, snapshot.arm(goal.arm))
+                retreat = with_all_joints(retreat, robot, opened)
+        T, objective = placement.T_world_object, float(placement.objective)
+        values = {
+            "run": run,
+            "solution": number,
+            "objective": objective,
+            "arm": goal.arm,
+            "grasp": goal.grasp,
+            "face": goal.face,
+            "approach_start": f"{placement.approach_start:.3f}",
+            "has_retreat": str(retreat is not None).lower(),
+            "search_time": f"{search_time:.3f}",
+        } | {f"term.{name}": value for name, value in placement.terms}
+        words = (
+            f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to "
+            + "{:.3f} {:.3f} {:.3f}".format(*T.translation)
+            + f" in {frame}, objective {objective:.4g}, motion {trajectory.duration:.1f} s"
+        )
+        if retreat is not None:
+            words += f", retreat {retreat.duration:.1f} s"
+        if placement.terms:
+            words += "; " + ", ".join(f"{name} {term:.3g}" for name, term in placement.terms)
         with self._lock:
-            stamp = self._stamp()
+            header = Header(frame_id=frame, stamp=self._stamp())
             self._trajectory.publish(trajectory_message(trajectory, key))
             self._retreat.publish(trajectory_message(retreat, key))
-            self._pose.publish(stamped_pose(placement.T_world_object, snapshot.frame, stamp))
-            self._objective.publish(Float64(data=float(placement.objective)))
-            values = {
-                "run": run,
-                "solution": number,
-                "objective": float(placement.objective),
-                "arm": goal.arm,
-                "grasp": goal.grasp,
-                "face": goal.face,
-                "approach_start": f"{placement.approach_start:.3f}",
-                "has_retreat": str(retreat is not None).lower(),
-                "search_time": f"{search_time:.3f}",
-            } | {f"term.{name}": value for name, value in placement.terms}
-            where = "{:.3f} {:.3f} {:.3f}".format(*placement.T_world_object.translation)
-            words = (
-                f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to {where} in "
-                f"{snapshot.frame}, objective {placement.objective:.4g}, "
-                f"motion {trajectory.duration:.1f} s"
-            )
-            if retreat is not None:
-                words += f", retreat {retreat.duration:.1f} s"
-            if placement.terms:
-                words += "; " + ", ".join(f"{name} {term:.3g}" for name, term in placement.terms)
-            self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
+            self._pose.publish(PoseStamped(header=header, pose=pose_message(T)))
+            self._objective.publish(Float64(data=objective))
+            self._solution.publish(self._manifest(header, words, values))
             self._draw()
-            shown = placement_markers(
-                snapshot.frame,
-                stamp,
-                snapshot.body,
-                placement.T_world_object,
-                tip_path(placement, snapshot),
-            )
-            self._markers.publish(MarkerArray(markers=self._scene + shown))
+            drawn = placement_markers(header, snapshot.body, T, tip_path(placement, snapshot))
+            self._markers.publish(MarkerArray(markers=self._scene + drawn))
 
     def status(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """What the node is doing."""
@@ -193,10 +185,10 @@ class Outputs:
         self._diagnostics.publish(DiagnosticArray(header=header, status=[status]))
 
     def _manifest(
-        self, stamp: Time, frame: str, words: str, values: Mapping[str, object]
+        self, header: Header, words: str, values: Mapping[str, object]
     ) -> DiagnosticArray:
-        status = self._statement(DiagnosticStatus.OK, words, values)
-        return DiagnosticArray(header=Header(frame_id=frame, stamp=stamp), status=[status])
+        statement = self._statement(DiagnosticStatus.OK, words, values)
+        return DiagnosticArray(header=header, status=[statement])
 
     def _statement(
         self, level: bytes, words: str, values: Mapping[str, object]
@@ -211,16 +203,16 @@ class Outputs:
     def _stamp(self) -> Time:
         """The time, later than that of any manifest before."""
         self._last_stamp = max(self._last_stamp + 1, self._node.get_clock().now().nanoseconds)
-        return time_message(self._last_stamp)
+        return RosTime(nanoseconds=self._last_stamp).to_msg()
 
 
 def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
     """(n, 3) positions of the arm's tip along the trajectory."""
     robot = snapshot.robot
-    arm = next(a for a in snapshot.arms if a.name == placement.goal.arm)
+    arm = snapshot.arm(placement.goal.arm)
     frame = robot.frame_id(arm.tip_frame)
     trajectory = placement.trajectory
-    chosen = np.linspace(0, len(trajectory.times) - 1, min(_PATH_POINTS, len(trajectory.times)))
+    chosen = np.linspace(0, len(trajectory.times) - 1, min(PATH_POINTS, len(trajectory.times)))
     q = np.array(snapshot.q_start)
     data = robot.model.createData()
     path = []

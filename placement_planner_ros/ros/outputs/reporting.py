@@ -1,31 +1,31 @@
-"""The node's reports about itself: `~/status` and `/diagnostics`."""
+"""What happens in runs, passed on: results, `~/status`, `/diagnostics` and lines of the log."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.run.validity import moved, outdated
-from placement_planner_ros.ros.run.warmth import Warmth
+from placement_planner_ros.ros.run.preparation import Prepared
+from placement_planner_ros.ros.run.surroundings import environment_notes
+from placement_planner_ros.ros.run.validity import moved_from_start, outdated_inputs
 from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
-from placement_planner_ros.ros.run.worker import Run, State
+from placement_planner_ros.ros.run.worker import Run, State, Warmth
 from placement_planner_ros.ros.timers import every
 
-STATUS_PERIOD = 0.5
-"""Least seconds between status messages while searching, unless the state changes."""
-
-REFRESH_PERIOD = 0.1
-"""Seconds between looks at whether there is something to say."""
+STATUS_PERIOD_S = 0.5
+"""Between status messages while searching, at least, unless the state changes."""
+REFRESH_PERIOD_S = 0.1
+"""Between looks at whether there is something to say."""
 
 _WAITING = {
     "true": "waiting for start",
@@ -43,11 +43,12 @@ _LEVEL = {
 
 
 class Reporter:
-    """Publishes status and diagnostics, and watches whether the best placement still holds.
+    """Publishes, reports and logs a run's progress, and watches whether its best placement holds.
+
+    The `RunObserver` of runs, in their worker threads.
 
     Args:
         warm: whether what a search needs is compiled.
-        on_error: told what nobody expected.
     """
 
     def __init__(
@@ -57,12 +58,13 @@ class Reporter:
         inputs: Inputs,
         parameters: ParameterServer,
         warm: Warmth,
-        on_error: Callable[[Exception], None],
+        log: Log,
     ) -> None:
         self._warm = warm
         self._outputs = outputs
         self._inputs = inputs
         self._parameters = parameters
+        self._log = log
         self._lock = threading.Lock()
         self._saying = threading.Lock()
         self._run: Run | None = None
@@ -71,27 +73,55 @@ class Reporter:
         self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
-        self._watch = Watch(inputs.clouds, self.report, on_error)
-        every(node, REFRESH_PERIOD, self._refresh)
+        self._watch = Watch(inputs.clouds, self.report, self._cannot_watch)
+        every(node, REFRESH_PERIOD_S, self._refresh)
         every(node, 1.0, self._diagnose)
         self.report()
 
-    def follow(self, run: Run) -> None:
-        """From now on report on this run."""
+    def begun(self, run: Run) -> None:
+        """A run is about to start, in the thread of who asked for it."""
+        self._outputs.clear(run.number, run.snapshot.frame)
         self._watch.follow(run.snapshot)
         with self._lock:
             self._run, self._left, self._disagreements = run, "", ""
         self.report()
 
-    def prepared(self, run: Run, environment: Environment) -> None:
-        """The run has begun to search in this environment."""
-        self._watch.planned_in(run.snapshot, environment)
-        self._disagreements = "; ".join(map(str, environment.disagreements))
+    def prepared(self, run: Run, prepared: Prepared) -> None:
+        """The run has begun to search."""
+        notes = environment_notes(run.snapshot, prepared.environment)
+        if prepared.planner.unusable:
+            notes.append(f"does without: {listed(prepared.planner.unusable, '; ')}")
+        if prepared.flying:
+            points = sum(map(len, run.snapshot.clouds))
+            notes.append(f"{prepared.flying:,} of {points:,} points are left out as flying pixels")
+        for note in notes:
+            self._log.event(f"run {run.number}: {note}")
+        self._outputs.environment(run.snapshot, prepared.environment)
+        self._watch.planned_in(run.snapshot, prepared.environment)
+        self._disagreements = "; ".join(map(str, prepared.environment.disagreements))
         self.report()
 
     def placed(self, run: Run, placement: Placement) -> None:
         """The run has found a better placement."""
+        elapsed = run.elapsed
+        self._outputs.solution(run.number, run.solutions, placement, elapsed, run.snapshot)
         self._watch.placed(run.snapshot, placement)
+        self._log.event(
+            f"run {run.number}: solution {run.solutions} after {elapsed:.2f} s, objective "
+            f"{placement.objective:.4g}, arm {placement.goal.arm}"
+        )
+
+    def changed(self, run: Run) -> None:
+        """The run is in another state."""
+        if not run.active:
+            tell = self._log.failure if run.state is State.FAILED else self._log.event
+            tell(f"run {run.number} ended, {run.state}, code {run.code}: {run.summary()}")
+            self._outputs.draw_now()
+        self.report()
+
+    def failed(self, run: Run, error: BaseException) -> None:
+        """The run ends over a fault, whose traceback is said here and nowhere else."""
+        self._log.fault("a run met a fault", error)
 
     def environment_changed(self) -> None:
         """What is known of the environment was changed by command."""
@@ -102,7 +132,7 @@ class Reporter:
         """In words, where the robot is further from where the run began than its start_tolerance;
         '' where it is not."""
         with self._lock:  # or what another thread has seen since would be forgotten
-            left = moved(run.snapshot, self._inputs)
+            left = moved_from_start(run.snapshot, self._inputs)
             news = self._run is run and self._left != left
             if news:
                 self._left = left
@@ -116,27 +146,24 @@ class Reporter:
             run = self._run
             # The state first: what ended a run is then seen in all that is read after it.
             state = State.IDLE if run is None else run.state
-            found = (0, None) if run is None else run.found
-            why_not = self._why_invalid(run, found[1])
+            solutions, best = (0, None) if run is None else run.found
+            why_not = self._why_invalid(run, best)
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-            if run is None:
-                message = self._waiting(warm, read["inputs"])
-            else:
-                values |= _found(run, *found)
-                message = _words(run, *found, why_not)
+            message = self._waiting(warm, read["inputs"])
+            if run is not None:
+                values |= {"run": run.number, "code": run.code, "solutions": solutions}
+                values |= {} if best is None else {"objective": float(best.objective)}
+                values["why"] = run.why
+                message = _state_words(run, solutions, best, why_not)
             values["best_valid"] = str(not why_not).lower()
             values["best_invalid_reason"] = why_not
             values["best_valid_known"] = str(why_not != NOT_LOOKED_AT).lower()
-            if run is not None:
-                values |= _tried(run)
-            if self._disagreements:
-                values["clouds_disagree"] = self._disagreements
+            values |= {} if run is None else _tried(run)
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
-            values["warm"] = warm
-            if warm == "failed":
-                values["warm_failed_reason"] = self._warm.failure
-            values |= read
+            told = {"clouds_disagree": self._disagreements, "warm": warm}
+            told["warm_failed_reason"] = self._warm.failure if warm == "failed" else ""
+            values |= {name: words for name, words in told.items() if words} | read
             if self._closed:
                 return
             self._reported = (state, why_not, warm, read)
@@ -154,6 +181,9 @@ class Reporter:
         """Whether a thread of its own is still at work."""
         return self._watch.busy
 
+    def _cannot_watch(self, error: Exception) -> None:
+        self._log.fault("the best placement cannot be held against newer clouds", error)
+
     def _waiting(self, warm: str, inputs: str) -> str:
         """What the node does before the first run, and what it lacks."""
         words = _WAITING[warm]
@@ -162,20 +192,19 @@ class Reporter:
         return words if inputs == _ARRIVE else f"{words}; {inputs}"
 
     def _read(self) -> dict[str, str]:
-        robot = self._inputs.robot
-        read: dict[str, str] = {
-            "robot": robot.state,
-            "object": self._inputs.object.state,
-            "known_objects": str(len(self._inputs.known)),
-            "inputs": self._arriving(time.monotonic()),
-        }
+        robot, held = self._inputs.robot, self._inputs.object
         told = {
-            "object_assumed": self._inputs.object.assumed,
-            "object_progress": self._inputs.object.progress,
+            "object_assumed": held.assumed,
+            "object_progress": held.progress,
             "robot_progress": robot.progress,
             "warm_progress": self._warm.progress,
         }
-        return read | {name: words for name, words in told.items() if words}
+        return {
+            "robot": robot.state,
+            "object": held.state,
+            "known_objects": str(len(self._inputs.known)),
+            "inputs": self._arriving(time.monotonic()),
+        } | {name: words for name, words in told.items() if words}
 
     def _arriving(self, now: float) -> str:
         """Whether there are joint states and clouds to start with, in words."""
@@ -192,14 +221,12 @@ class Reporter:
             return "there is no placement"
         if run.confirmed:
             return _CARRIED_OUT
-        if self._left:
-            return self._left
-        return outdated(run.snapshot, self._inputs) or self._watch.blocked(best)
+        outdated = self._left or outdated_inputs(run.snapshot, self._inputs)
+        return outdated or self._watch.blocked(best)
 
     def _refresh(self) -> None:
-        run = self._run
+        run, period = self._run, STATUS_PERIOD_S
         state = State.IDLE if run is None else run.state
-        period = STATUS_PERIOD
         self._outputs.draw()
         if run is not None:
             self.left_start(run)
@@ -207,35 +234,32 @@ class Reporter:
         if why_not == NOT_LOOKED_AT and self._reported is not None:
             # What was said last is of the placement before, and still so; the watch says the rest,
             # within a moment.
-            why_not, period = self._reported[1], 2.0 * STATUS_PERIOD
+            why_not, period = self._reported[1], 2.0 * STATUS_PERIOD_S
         due = time.monotonic() - self._reported_at >= period
         now = (state, why_not, self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 
     def _diagnose(self) -> None:
-        now = time.monotonic()
-        joint_age = self._inputs.joints.age(now)
-        ages = self._inputs.clouds.ages(now)
-        values: dict[str, object] = {
-            "state": State.IDLE if self._run is None else self._run.state,
-            "joint_state_age": _seconds(joint_age),
+        now, joints = time.monotonic(), self._inputs.joints
+        ages = {"joint_state_age": joints.age(now)}
+        ages |= {f"cloud_age {t}": age for t, age in self._inputs.clouds.ages(now).items()}
+        values: dict[str, object] = {"state": State.IDLE if self._run is None else self._run.state}
+        values |= {
+            name: "never" if math.isinf(age) else f"{age:.2f} s" for name, age in ages.items()
         }
-        values |= {f"cloud_age {topic}": _seconds(age) for topic, age in ages.items()}
-        timeout = self._parameters.current["joint_state_timeout"]
-        refused = self._inputs.joints.refused(now, timeout)
+        arriving = self._arriving(now)
+        message = f"inputs {arriving}" if arriving == _ARRIVE else arriving
+        refused = joints.refused(now, self._parameters.current["joint_state_timeout"])
         if refused:
             values["joint_states_refused"] = refused
-        arriving = self._arriving(now)
+            message += "; some joint values are refused"
         well = arriving == _ARRIVE and not refused
         level = DiagnosticStatus.OK if well else DiagnosticStatus.WARN
-        message = f"inputs {arriving}" if arriving == _ARRIVE else arriving
-        if refused:
-            message += "; some joint values are refused"
         self._outputs.diagnostics(level, message, values)
 
 
-def _words(run: Run, solutions: int, best: Placement | None, why_not: str) -> str:
+def _state_words(run: Run, solutions: int, best: Placement | None, why_not: str) -> str:
     """Where the run is and what it has found, in a line."""
     if best is None:
         if not run.active:
@@ -252,30 +276,17 @@ def _words(run: Run, solutions: int, best: Placement | None, why_not: str) -> st
     return f"{words}; not to be carried out: {why_not}" if why_not else words
 
 
-def _found(run: Run, solutions: int, best: Placement | None) -> dict[str, object]:
-    values: dict[str, object] = {"run": run.number, "code": run.code, "solutions": solutions}
-    if best is not None:
-        values["objective"] = float(best.objective)
-    values["why"] = run.why
-    return values
-
-
 def _tried(run: Run) -> dict[str, object]:
+    """What was tried, and which constraint rejected how many."""
     if run.planner is None:
         return {}
     statistics = run.planner.statistics
-    values: dict[str, object] = {"samples": statistics.samples}
-    values |= {f"rejected_{name}": n for name, n in statistics.rejected.items()}
-    for face, rejected in statistics.rejected_by_face.items():
-        values[f"rejected.face_{face}"] = _counts(rejected)
-    for arm, rejected in statistics.rejected_by_arm.items():
-        values[f"rejected.{arm}"] = _counts(rejected)
-    return values
-
-
-def _counts(rejected: dict[str, int]) -> str:
-    return " ".join(f"{name}={number}" for name, number in rejected.items())
-
-
-def _seconds(age: float) -> str:
-    return "never" if age == float("inf") else f"{age:.2f} s"
+    by = {f"face_{face}": counts for face, counts in statistics.rejected_by_face.items()}
+    return {
+        "samples": statistics.samples,
+        **{f"rejected_{name}": count for name, count in statistics.rejected.items()},
+        **{
+            f"rejected.{name}": " ".join(f"{why}={count}" for why, count in counts.items())
+            for name, counts in (by | statistics.rejected_by_arm).items()
+        },
+    }

@@ -1,4 +1,7 @@
-"""Checks of a parameter's value alone, beyond its type and range."""
+"""Checks of a parameter's value alone, beyond its type and range.
+
+Each takes the parameter's name and raises a PlacementPlannerError that names it.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,8 @@ from placement_planner_ros.core.types import TargetVolume
 
 MAX_GRASPS = 200
 """Grasps that an arm may have: each takes a megabyte."""
+MAX_PADDING_M = 0.2
+"""Around a link."""
 
 
 def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
@@ -29,22 +34,21 @@ def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
     for pose in np.array(values, dtype=np.float64).reshape(-1, 7):
         length = float(np.linalg.norm(pose[3:]))
         if not abs(length - 1.0) < 1e-2:
-            raise GraspError(
-                name, pose.tolist(), f"the quaternion x y z w must have length 1, not {length:.3g}"
-            )
+            words = f"the quaternion x y z w must have length 1, not {length:.3g}"
+            raise GraspError(name, pose.tolist(), words)
         quaternion = pin.Quaternion(pose[3:] / length)
         poses.append(pin.SE3(quaternion.toRotationMatrix(), pose[:3]))
     return tuple(poses)
 
 
-def grasps(name: str, value: Sequence[float]) -> None:
-    """Up to `MAX_GRASPS` poses; a GraspError says what is wrong."""
+def grasp_poses(name: str, value: Sequence[float]) -> None:
+    """Up to `MAX_GRASPS` poses."""
     if len(value) > 7 * MAX_GRASPS:
         raise GraspError(name, f"{len(value) // 7} poses", f"an arm may have {MAX_GRASPS}")
     poses_from_list(name, value)
 
 
-def one_pose(name: str, value: Sequence[float]) -> None:
+def pose_or_nothing(name: str, value: Sequence[float]) -> None:
     """One pose, or nothing."""
     if value and len(value) != 7:
         raise ParameterError(name, value, "give seven numbers: x y z qx qy qz qw")
@@ -54,24 +58,23 @@ def one_pose(name: str, value: Sequence[float]) -> None:
         raise ParameterError(error.field, error.value, error.remedy) from error
 
 
-def volume(name: str, value: Sequence[float]) -> None:
+def volume_boxes(name: str, value: Sequence[float]) -> None:
     """V; a VolumeError says which box is wrong, and how."""
     if not value or len(value) % 6:
         raise ParameterError(name, value, f"give six numbers per box, not {len(value)} in all")
     TargetVolume.of_numbers(value)
 
 
-def center(name: str, value: Sequence[float]) -> None:
+def point_or_nothing(name: str, value: Sequence[float]) -> None:
     """A point, or nothing."""
     if len(value) not in (0, 3):
         raise ParameterError(name, value, "give x y z, or nothing")
 
 
-def names(name: str, value: Sequence[str]) -> None:
+def distinct_names(name: str, value: Sequence[str]) -> None:
     """Names that can be part of a parameter's name."""
-    for each in value:
-        if not each or any(character.isspace() for character in each):
-            raise ParameterError(name, list(value), "give names that are not empty, without spaces")
+    if any(not each or any(map(str.isspace, each)) for each in value):
+        raise ParameterError(name, list(value), "give names that are not empty, without spaces")
     if len(set(value)) < len(value):
         raise ParameterError(name, list(value), "name each once")
 
@@ -97,27 +100,18 @@ def named_numbers(name: str, value: Sequence[str]) -> dict[str, float]:
     return numbers
 
 
-def joint_values(name: str, value: Sequence[str]) -> None:
-    """Texts `joint=value`."""
-    named_numbers(name, value)
+def paddings_by_link(name: str, value: Sequence[str]) -> None:
+    """Distances by link."""
+    for link, padding in named_numbers(name, value).items():
+        if not 0.0 <= padding <= MAX_PADDING_M:
+            raise ParameterError(name, f"{link}={padding:g}", f"give 0 to {MAX_PADDING_M} m")
 
 
-def terms(name: str, value: Sequence[str]) -> None:
+def known_terms(name: str, value: Sequence[str]) -> None:
     """Names of terms that there are."""
     for each in value:
         if each not in (known := term_names()):
             raise ParameterError(name, each, f"is no term; choose of {', '.join(known)}")
-
-
-MAX_PADDING = 0.2
-"""m around a link."""
-
-
-def paddings(name: str, value: Sequence[str]) -> None:
-    """Distances by link."""
-    for link, padding in named_numbers(name, value).items():
-        if not 0.0 <= padding <= MAX_PADDING:
-            raise ParameterError(name, f"{link}={padding:g}", f"give 0 to {MAX_PADDING} m")
 
 
 def triples(name: str, value: Sequence[float]) -> None:

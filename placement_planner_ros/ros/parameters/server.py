@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -20,7 +20,6 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
-    GONE,
     arm_specs,
     arms_spec,
     fixed_specs,
@@ -39,6 +38,36 @@ _TYPES = {
     "integer[]": Parameter.Type.INTEGER_ARRAY,
     "string[]": Parameter.Type.STRING_ARRAY,
 }
+NOT_OURS = ("use_sim_time", "qos_overrides.", f"{FIELD}.", "start_type_description_service")
+"""How names begin that are parameters of rclpy's, or MoveIt's."""
+
+OnChange = Callable[[Sequence[str], ParameterSet], None]
+Take = Callable[[Spec], Any]
+"""Takes a parameter in, and gives its value."""
+
+
+def all_specs(given: Sequence[str], take: Take) -> dict[str, Spec]:
+    """Every parameter by name; which there are depends on the values of some.
+
+    Args:
+        given: names that were given at start-up.
+        take: called once for each.
+    """
+    specs: dict[str, Spec] = {}
+    values: dict[str, Any] = {}
+
+    def declare(new: Sequence[Spec | None]) -> None:
+        for spec in new:
+            if spec is not None:
+                specs[spec.name] = spec
+                values[spec.name] = take(spec)
+
+    declare([*fixed_specs(), arms_spec(list(TIP_FRAMES))])
+    for arm in values["arms"]:
+        declare(arm_specs(arm, yumi=not values["robot_description"]))
+    declare([sensor_pose_spec(frame) for frame in values["sensor_frames"]])
+    declare([joint_limit_spec(name) for name in given])
+    return specs
 
 
 class UnknownParameterError(ParameterNotDeclaredException):
@@ -49,10 +78,36 @@ class UnknownParameterError(ParameterNotDeclaredException):
         ParameterException.__init__(self, f"{error.field} = {error.value!r}", error.remedy)
 
 
-_NOT_OURS = ("qos_overrides.", f"{FIELD}.")
-"""How names begin that are parameters only where somebody asks for them, or MoveIt's."""
+class ParameterNode(Node):
+    """A node that knows what it was given at start-up.
 
-OnChange = Callable[[Sequence[str], ParameterSet], None]
+    Attributes:
+        given: names of all parameters given at start-up, whether the node has them or not.
+    """
+
+    given: tuple[str, ...]
+
+    def __init__(self, name: str, overrides: Sequence[Parameter] = ()) -> None:
+        super().__init__(
+            name,
+            parameter_overrides=list(overrides),
+            automatically_declare_parameters_from_overrides=True,
+        )
+
+    def declare_parameters(
+        self, namespace: str, parameters: Any, ignore_override: bool = False
+    ) -> list[Parameter]:
+        """As rclpy's; but what was given is only remembered while the node is made.
+
+        rclpy would declare it by the type that it happens to have, and an empty list has none.
+        """
+        if not hasattr(self, "given"):
+            self.given = tuple(each[0] for each in parameters)
+            return []
+        declared: list[Parameter] = super().declare_parameters(
+            namespace, parameters, ignore_override
+        )
+        return declared
 
 
 class ParameterServer:
@@ -69,24 +124,16 @@ class ParameterServer:
         self._node = node
         self._on_change: OnChange | None = None
         self._check: OnChange | None = None
-        specs: dict[str, Spec] = {}
+        self._given: tuple[str, ...] = getattr(node, "given", ())
         values: dict[str, Any] = {}
 
-        def declare(new: Sequence[Spec]) -> None:
-            for spec in new:
-                specs[spec.name] = spec
-                values[spec.name] = self._declare(spec)
+        def declare(spec: Spec) -> Any:
+            given = node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
+            values[spec.name] = spec.convert(given)
+            node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], values[spec.name])])
+            return values[spec.name]
 
-        self._refuse_gone()
-        declare(fixed_specs())
-        declare([arms_spec(list(TIP_FRAMES))])
-        for arm in values["arms"]:
-            declare(arm_specs(arm, yumi=not values["robot_description"]))
-        for frame in values["sensor_frames"]:
-            declare([sensor_pose_spec(frame)])
-        given = (joint_limit_spec(name) for name in getattr(node, "given", ()))
-        declare([spec for spec in given if spec is not None])
-        self.current = ParameterSet(specs, values)
+        self.current = ParameterSet(all_specs(self._given, declare), values)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._store)
@@ -111,27 +158,10 @@ class ParameterServer:
         """Everything for which `with_changes` would refuse these."""
         return self.current.faults({p.name: p.value for p in parameters})
 
-    def strange(self, given: Iterable[str]) -> list[str]:
-        """What to say of names given at start-up that the node does not have."""
-        mine = [n for n in given if not self._node.has_parameter(n) and not n.startswith(_NOT_OURS)]
-        more = [f"and {len(mine) - MOST_HINTS} more"] if len(mine) > MOST_HINTS else []
-        hints = self.current.unknown(mine[:MOST_HINTS])
-        return [f"{name}: {words}" for name, words in hints.items()] + more
-
-    def _refuse_gone(self) -> None:
-        """Refuse parameters of former versions given at start-up."""
-        for name, remedy in GONE.items():
-            anything = ParameterDescriptor(dynamic_typing=True)
-            given = self._node.declare_parameter(name, descriptor=anything).value
-            self._node.undeclare_parameter(name)
-            if given is not None:
-                raise ParameterError(name, given, remedy)
-
-    def _declare(self, spec: Spec) -> Any:
-        given = self._node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
-        value = spec.convert(given)
-        self._node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], value)])
-        return value
+    def without_effect(self) -> Mapping[str, str]:
+        """Names given at start-up that the node does not have, and what to do instead."""
+        mine = [name for name in self._given if not name.startswith(NOT_OURS)]
+        return dict(list(self.current.unknown(mine).items())[:MOST_HINTS])
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give values the type of their parameter; bad ones are left for `_validate` to refuse."""
@@ -150,49 +180,39 @@ class ParameterServer:
         except PlacementPlannerError:
             return parameter
 
+    def _mine(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        return [p for p in parameters if p.name in self.current.specs]
+
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
-        mine = [p for p in parameters if p.name in self.current.specs]
+        mine = self._mine(parameters)
         try:
             changed = self.with_changes(mine)
             if self._check is not None:
                 self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
-            self._keep_types(mine)
             return SetParametersResult(successful=False, reason=sayable(str(error)))
         return SetParametersResult(successful=True)
 
-    def _keep_types(self, refused: Sequence[Parameter]) -> None:
-        """Describe them by their own types again: rclpy takes that of any value, before it asks."""
-        for each in refused:
-            kind = self.current.specs[each.name].kind
-            self._node.describe_parameter(each.name).type = _TYPES[kind].value
-
     def _store(self, parameters: list[Parameter]) -> None:
-        mine = [p for p in parameters if p.name in self.current.specs]
-        if not mine:
-            return
+        mine = self._mine(parameters)
         self.current = self.with_changes(mine)
-        if self._on_change is not None:
+        if mine and self._on_change is not None:
             self._on_change([p.name for p in mine], self.current)
 
 
 def _descriptor(spec: Spec) -> ParameterDescriptor:
-    meaning, notes = spec.meaning, []
-    if meaning.unit:
-        notes.append(f"unit: {meaning.unit}")
-    if meaning.choices:
-        notes.append(f"one of {', '.join(meaning.choices)}")
-    if spec.startup:
-        notes.append("read at start-up")
+    meaning = spec.meaning
+    notes = [f"unit: {meaning.unit}"] if meaning.unit else []
+    notes += [f"one of {', '.join(meaning.choices)}"] if meaning.choices else []
+    notes += ["read at start-up"] if spec.startup else []
     descriptor = ParameterDescriptor(
         description=meaning.text, additional_constraints="; ".join(notes), dynamic_typing=True
     )
-    lower, upper = meaning.ends
-    if math.isfinite(lower) and math.isfinite(upper):
-        if spec.kind.startswith("double"):
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(lower), to_value=float(upper))
-            ]
-        elif spec.kind.startswith("integer"):
-            descriptor.integer_range = [IntegerRange(from_value=int(lower), to_value=int(upper))]
+    ends = meaning.ends
+    if all(map(math.isfinite, ends)) and spec.kind.startswith("double"):
+        ends = float(ends[0]), float(ends[1])
+        descriptor.floating_point_range = [FloatingPointRange(from_value=ends[0], to_value=ends[1])]
+    elif all(map(math.isfinite, ends)):
+        lower, upper = map(int, ends)
+        descriptor.integer_range = [IntegerRange(from_value=lower, to_value=upper)]
     return descriptor

@@ -6,7 +6,7 @@ import copy
 from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import pinocchio as pin
 
@@ -20,17 +20,7 @@ from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import named_numbers, poses_from_list
 from placement_planner_ros.ros.parameters.spec import Spec
-from placement_planner_ros.ros.parameters.table import (
-    BODY,
-    GONE,
-    GRID,
-    JOINT_LIMITS,
-    OBJECT_TURNS,
-    PLANNER,
-    REGIONS,
-)
-
-Group = TypeVar("Group", bound=Settings)
+from placement_planner_ros.ros.parameters.table import JOINT_LIMITS, SETTINGS
 
 CLOCK = "use_sim_time"
 """The parameter that every node has."""
@@ -56,15 +46,17 @@ class ParameterSet:
         PlacementPlannerError: a value, or the values together, are bad.
     """
 
+    planner_settings: PlannerSettings
+    grid_settings: GridSettings
+    region_settings: RegionSettings
+    body_settings: BodySettings
+
     def __init__(
         self, specs: Mapping[str, Spec], values: Mapping[str, object] | None = None
     ) -> None:
         self.specs = specs
         self._values = {name: spec.default for name, spec in specs.items()}
-        for name, value in (values or {}).items():
-            self._values[name] = specs[name].convert(value)
-        self._check_together()
-        self._make_settings()
+        self._take({name: specs[name].convert(value) for name, value in (values or {}).items()})
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -81,9 +73,7 @@ class ParameterSet:
             return self
         # What is here has been checked: that a start is quick, only the changes are.
         other = copy.copy(self)
-        other._values = self._values | {n: self.convert(n, v) for n, v in changes.items()}
-        other._check_together()
-        other._make_settings()
+        other._take({name: self.convert(name, value) for name, value in changes.items()})
         return other
 
     def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
@@ -104,8 +94,6 @@ class ParameterSet:
         }
 
     def _instead(self, name: str) -> str:
-        if name in GONE:
-            return GONE[name]
         if name == CLOCK:
             return "is the whole node's and not a run's; give it when the node is started"
         group, _, part = name.rpartition(".")
@@ -113,12 +101,9 @@ class ParameterSet:
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
         meant = did_you_mean(name, [*self.specs, CLOCK])
         words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
-        if meant is not None and meant.endswith(f".{part}") and self._is_arm(meant):
+        if meant is not None and f"{meant.partition('.')[0]}.tip_frame" in self.specs:
             words += f". If {group!r} is an arm, name it in arms at start-up"
         return words
-
-    def _is_arm(self, name: str) -> bool:
-        return f"{name.partition('.')[0]}.tip_frame" in self.specs
 
     def _alone(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
         """What is wrong with each change by itself."""
@@ -142,11 +127,9 @@ class ParameterSet:
         """
         spec = self.specs[name]
         converted = spec.convert(value)
-        if not spec.startup:
-            return converted
-        if converted != self[name]:
+        if spec.startup and converted != self[name]:
             raise ParameterError(name, value, "is read at start-up; set it there")
-        return self[name]
+        return self[name] if spec.startup else converted
 
     @property
     def volume(self) -> TargetVolume:
@@ -170,8 +153,7 @@ class ParameterSet:
     @property
     def padding_of(self) -> dict[str, float]:
         """The self-filter's padding of links that have one of their own, metres."""
-        name = "self_filter.padding_of"
-        return named_numbers(name, self[name])
+        return named_numbers("self_filter.padding_of", self["self_filter.padding_of"])
 
     def sensor_pose(self, frame: str) -> pin.SE3 | None:
         """Pose of a sensor's frame in the planning frame, where one is given."""
@@ -180,7 +162,22 @@ class ParameterSet:
             return None
         return poses_from_list(name, self[name])[0]
 
-    def _set(self, settings: Group, paths: Mapping[str, str]) -> Group:
+    def _take(self, values: Mapping[str, Any]) -> None:
+        """Replace values, and make the settings: once, as a start asks for them again and again."""
+        self._values = {**self._values, **values}
+        if not self["arms"]:
+            raise ParameterError("arms", self["arms"], "name at least one arm")
+        for arm in self["arms"]:
+            if f"{arm}.tip_frame" not in self.specs:
+                words = "this arm was not among arms at start-up, so it has no parameters"
+                raise ParameterError("arms", arm, words)
+        made = {kind: self._made(kind(), paths) for kind, paths in SETTINGS.items()}
+        self.planner_settings = made[PlannerSettings]
+        self.grid_settings = made[GridSettings]
+        self.region_settings = made[RegionSettings]
+        self.body_settings = made[BodySettings]
+
+    def _made(self, settings: Settings, paths: Mapping[str, str]) -> Any:
         """These settings with the values of parameters in the fields at their paths."""
         groups: dict[str, dict[str, Any]] = {"": {}}
         for name, path in paths.items():
@@ -191,19 +188,3 @@ class ParameterSet:
         own = groups.pop("")
         inner = {g: replace(getattr(settings, g), **values) for g, values in groups.items()}
         return replace(settings, **own, **inner)
-
-    def _check_together(self) -> None:
-        for arm in self["arms"]:
-            if f"{arm}.tip_frame" not in self.specs:
-                raise ParameterError(
-                    "arms", arm, "this arm was not among arms at start-up, so it has no parameters"
-                )
-        if not self["arms"]:
-            raise ParameterError("arms", self["arms"], "name at least one arm")
-
-    def _make_settings(self) -> None:
-        """Once, as checking them takes milliseconds and a start asks for them again and again."""
-        self.planner_settings = self._set(PlannerSettings(), PLANNER | OBJECT_TURNS)
-        self.grid_settings = self._set(GridSettings(), GRID)
-        self.region_settings = self._set(RegionSettings(), REGIONS)
-        self.body_settings = self._set(BodySettings(), BODY)

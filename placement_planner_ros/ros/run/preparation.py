@@ -1,119 +1,162 @@
-"""Environments made as clouds arrive, so that start finds them ready."""
+"""From a snapshot to a planner ready to run; environments are made as clouds arrive, so that start
+finds them ready."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.grasp.feasible_grasps import lay_out_holdings
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.core.warmup.known_robot import known_robot
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.run.planning import Prepared, make_planner
+from placement_planner_ros.ros.inputs import point_cloud
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 
-LOOK = 0.2
-"""Seconds between looks at whether the inputs have changed, at least."""
-SHARE = 0.25
+Made = TypeVar("Made")
+
+LOOK_S = 0.2
+"""Between looks at whether the inputs have changed, at least."""
+CORE_SHARE = 0.25
 """Of one core that preparing ahead takes at most, on average."""
-_CLOSING = 0.5
-"""Seconds that closing waits at most."""
-_PATIENCE = 0.005
-"""Seconds between looks at whether a run that waits for its environment has been stopped."""
+CLOSING_S = 0.5
+"""That closing waits at most."""
+PATIENCE_S = 0.005
+"""Between looks at whether a run that waits for its environment has been stopped."""
 
 Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
 """What tells one state of the inputs from another, and their snapshot; None where some miss."""
 
 
-class _Build:
-    """An environment in the making, with the fields that every search needs.
+class Counters(Protocol):
+    """What a run reports of its planner."""
+
+    @property
+    def samples(self) -> int: ...
+    @property
+    def rejected(self) -> dict[str, int]: ...
+    @property
+    def rejected_by_face(self) -> dict[int, dict[str, int]]: ...
+    @property
+    def rejected_by_arm(self) -> dict[str, dict[str, int]]: ...
+
+
+class Planner(Protocol):
+    """What a run needs of a planner; `PlacementPlanner` is one."""
+
+    exhausted: str
+    cause: Cause | None
+    unusable: tuple[str, ...]
+    explanation: Explanation
+
+    @property
+    def statistics(self) -> Counters: ...
+    def explain(self) -> Explanation: ...
+    def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A planner and what it plans in.
 
     Attributes:
-        ended: set once there is an environment, an error, or neither as nobody wants it any more.
+        flying: how many points of the clouds were left out as flying pixels.
     """
+
+    planner: Planner
+    environment: Environment
+    flying: int = 0
+
+
+Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]
+"""Makes the planner of a run; raises `StoppedError` where it was told to stop first."""
+
+
+def make_planner(snapshot: Snapshot, environment: Environment) -> Planner:
+    """The planner of a run.
+
+    Raises:
+        PlacementPlannerError: an input is unusable.
+    """
+    parameters, volume = snapshot.parameters, snapshot.parameters.volume
+    robot, arms, q, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
+    settings, seed = parameters.planner_settings, parameters["seed"]
+    context = settings.context(environment, volume, body)
+    return PlacementPlanner(
+        Problem(robot, arms, q, body, volume, environment),
+        make_objective(parameters["objective"], context),
+        settings,
+        np.random.default_rng(None if seed < 0 else seed),
+    )
+
+
+def load_input_kernels() -> None:
+    """Read, filter and crop a cloud of one point."""
+    robot, _ = known_robot()
+    outside_robot(np.zeros((1, 3)), robot, np.zeros(robot.model.nq), (), None, 0.0)
+    point_cloud.warm_up()
+    cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
+
+
+class _Build:
+    """An environment in the making, with the fields that every search needs."""
 
     def __init__(self, surroundings: Surroundings) -> None:
         self.surroundings = surroundings
-        self.ended = threading.Event()
+        self.made: Future[Environment] = Future()
         self.unwanted = False
-        self.error: BaseException | None = None
-        self._environment: Environment | None = None
-
-    @property
-    def made(self) -> bool:
-        """Whether the environment is there."""
-        return self._environment is not None
 
     @property
     def environment(self) -> Environment:
-        """What was made.
+        """What was made, once it is.
 
         Raises:
             PlacementPlannerError: the clouds are unusable.
+            StoppedError: other inputs came meanwhile.
         """
-        if self.error is not None:
-            raise self.error
-        assert self._environment is not None
-        return self._environment
+        return self.made.result()
 
-    def work(self, give_way: Callable[[], None] | None = None) -> None:
-        """Make it; between two steps, gives up where it is unwanted and first calls `give_way`."""
+    @property
+    def has_failed(self) -> bool:
+        """Whether there will be none."""
+        return self.made.done() and self.made.exception() is not None
+
+    def work(self, give_way: Callable[[], None] = lambda: None) -> None:
+        """Make it; between two steps, first calls `give_way`, and gives up where it is unwanted."""
 
         def unwanted() -> bool:
-            if give_way is not None:
-                give_way()
+            give_way()
             return self.unwanted
 
-        try:
+        def make() -> Environment:
             with stoppable(unwanted):
                 environment = self.surroundings.environment()
                 step("making boxes of the obstacle set")
                 box_arrays(environment.obstacles)
                 _ = environment.clearance
-                self._environment = environment
-        except BaseException as error:  # raised again in the thread that asks for the environment
-            self.error = error
-        finally:
-            self.ended.set()
+                return environment
 
-
-class _Order:
-    """An environment that a run waits for.
-
-    Attributes:
-        ended: set once there is an environment, an error, or neither as nobody wants it any more.
-    """
-
-    def __init__(self) -> None:
-        self.ended = threading.Event()
-        self.unwanted = False
-        self.error: BaseException | None = None
-        self.build: _Build | None = None
-
-    @property
-    def environment(self) -> Environment:
-        """What was made.
-
-        Raises:
-            PlacementPlannerError: the clouds are unusable.
-        """
-        if self.error is not None:
-            raise self.error
-        assert self.build is not None
-        return self.build.environment
-
-    @property
-    def flying(self) -> int:
-        """How many points were left out as flying pixels."""
-        assert self.build is not None
-        return sum(int(flies.sum()) for flies in self.build.surroundings.flying)
+        _fulfil(self.made, make)
 
 
 class Preparation:
@@ -142,7 +185,7 @@ class Preparation:
         self._idle = idle
         self._lock = threading.Lock()
         self._newest: _Build | None = None
-        self._order: _Order | None = None
+        self._order: Future[_Build] | None = None
         self._runs = 0
         self._seen: object = None
         self._laid_out: tuple[Robot, Body] | None = None
@@ -157,14 +200,14 @@ class Preparation:
         """Begin nothing more, and wait a little for what is being made."""
         self._closed.set()
         if self._ahead.is_alive():
-            self._ahead.join(_CLOSING)
+            self._ahead.join(CLOSING_S)
 
     @property
     def busy(self) -> bool:
         """Whether something is being made."""
-        waited_for = (self._newest, self._order)
-        making = any(thing is not None and not thing.ended.is_set() for thing in waited_for)
-        return self._ahead.is_alive() or making
+        newest, order = self._newest, self._order
+        building = newest is not None and not newest.made.done()
+        return self._ahead.is_alive() or building or (order is not None and not order.done())
 
     def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
         """The planner of a run.
@@ -176,33 +219,31 @@ class Preparation:
         with self._lock:
             self._runs += 1  # from now on nothing is prepared ahead
         self._calls.give_way()  # to the answer that there is a run
+        order: Future[_Build] = Future()
+        self._order = order
+        # To its end, unless other inputs come: should this run be stopped, the next may need it.
+        threading.Thread(
+            target=_fulfil, args=(order, lambda: self._built(snapshot)), daemon=True
+        ).start()
         try:
-            order = self._order = _Order()
-            threading.Thread(
-                target=self._fulfil, args=(snapshot, order), name="environment", daemon=True
-            ).start()
             with stoppable(should_stop):
-                try:
-                    self._wait(order, snapshot)
-                except StoppedError:
-                    order.unwanted = True
-                    raise
-                return replace(make_planner(snapshot, order.environment), flying=order.flying)
+                if not wait([order], PATIENCE_S).done:
+                    self._lay_out(snapshot)  # meanwhile
+                while not wait([order], PATIENCE_S).done:
+                    step("making the environment of the clouds")
+                build = order.result()
+                flying = sum(int(flies.sum()) for flies in build.surroundings.flying)
+                planner = make_planner(snapshot, build.environment)
+                return Prepared(planner, build.environment, flying)
         finally:
             with self._lock:
                 self._runs -= 1
 
-    def _wait(self, order: _Order, snapshot: Snapshot) -> None:
-        """Until the environment is made; meanwhile make what depends on robot and object alone."""
-        if not order.ended.wait(_PATIENCE):
-            self._lay_out(snapshot)
-        while not order.ended.wait(_PATIENCE):
-            step("making the environment of the clouds")
-
     def ready(self, snapshot: Snapshot) -> Environment | None:
         """The environment of that run where it is there already, without a look at its points."""
         build = self._newest
-        if build is None or not build.made or not build.surroundings.made_of(snapshot):
+        made = build is not None and build.made.done() and not build.has_failed
+        if build is None or not made or not build.surroundings.made_of(snapshot):
             return None
         return build.environment
 
@@ -229,66 +270,64 @@ class Preparation:
 
     def ahead(self, snapshot: Snapshot) -> None:
         """Prepare for a run that may come, in this thread; its errors are left to that run."""
-        surroundings = Surroundings.of(snapshot, self._before())
+        surroundings = self._surroundings(snapshot)
         with self._lock:
             if self._runs:
                 return
             build, new = self._build(surroundings)
         if new:
             build.work(self._calls.give_way)
-        with contextlib.suppress(StoppedError), stoppable(self._unwanted):
+        with contextlib.suppress(StoppedError), stoppable(self._is_unwanted):
             self._lay_out(snapshot)
 
     def _lay_out(self, snapshot: Snapshot) -> None:
         """Make what depends on robot and object alone, where they are others than last time."""
-        wanted = snapshot.robot, snapshot.body
+        robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:
             settings = snapshot.parameters.planner_settings.grasp
-            lay_out_holdings(
-                snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, settings
-            )
+            lay_out_holdings(robot, snapshot.arms, snapshot.q_start, body, settings)
             self._laid_out = wanted
 
-    def _fulfil(self, snapshot: Snapshot, order: _Order) -> None:
-        """Make a run's environment, or wait for it where it is being made."""
-        try:
-            surroundings = Surroundings.of(snapshot, self._before())
-            with self._lock:
-                if order.unwanted:
-                    return
-                build, new = self._build(surroundings)
-            if new:
-                build.work()  # to its end, unless other inputs come: the next run may need it
-            else:
-                build.ended.wait()
-            order.build = build
-        except BaseException as error:  # raised again in the run's thread
-            order.error = error
-        finally:
-            order.ended.set()
+    def _built(self, snapshot: Snapshot) -> _Build:
+        """A run's environment, once it is made."""
+        surroundings = self._surroundings(snapshot)
+        with self._lock:
+            build, new = self._build(surroundings)
+        if new:
+            build.work()
+        wait([build.made])
+        return build
 
-    def _unwanted(self) -> bool:
+    def _is_unwanted(self) -> bool:
         self._calls.give_way()
         return self._runs > 0 or self._closed.is_set()
 
-    def _before(self) -> Surroundings | None:
+    def _surroundings(self, snapshot: Snapshot) -> Surroundings:
         build = self._newest
-        return None if build is None else build.surroundings
+        return Surroundings.of(snapshot, None if build is None else build.surroundings)
 
     def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
         """The build of these surroundings, and whether it is yet to be worked on; lock held."""
         newest = self._newest
         if newest is not None:
-            if newest.error is None and newest.surroundings.same(surroundings):
+            if not newest.has_failed and newest.surroundings.same(surroundings):
                 return newest, False
             newest.unwanted = True
         self._newest = _Build(surroundings)
         return self._newest, True
 
     def _look_ahead(self) -> None:
-        rest = LOOK
+        rest = LOOK_S
         while not self._closed.wait(rest):
             began = time.thread_time()
             if self._idle():
                 self.look()
-            rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
+            rest = max(LOOK_S, (time.thread_time() - began) * (1.0 / CORE_SHARE - 1.0))
+
+
+def _fulfil(promise: Future[Made], make: Callable[[], Made]) -> None:
+    """Keep a promise; what is raised is raised again in the thread that asks for the result."""
+    try:
+        promise.set_result(make())
+    except BaseException as error:
+        promise.set_exception(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +14,10 @@ from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disag
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
-from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.self_filter import (
     Outline,
     held_outlines,
@@ -26,37 +26,36 @@ from placement_planner_ros.ros.inputs.self_filter import (
 )
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
+Mask = npt.NDArray[np.bool_]
+
+_MAKE_POINTS = ("contact_tolerance", "target_volume", "cloud.cell_size", "max_slope",
+                "clearance.beyond_volume", "self_filter.enabled", "unknown_space")  # fmt: skip
+"""Parameters on which an environment depends ..."""
+_MAKE_HANDS = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
+"""... and those on which what the robot hides does."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """All that an environment is made from, and nothing else.
+    """All that an environment is made from.
 
     Attributes:
+        snapshot: the inputs.
         points: (n, 3) neither near the robot nor near the held object, nor flying, planning frame.
         near: of those that are near, what may be something else.
         bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
         sights: of clouds whose sensor's place is known, without flying pixels.
-        snapshot: where the robot is, which only `unknown` looks at.
-        unknown: what sights leave unknown is occupied.
-        unknown_below: `unknown_space` is occupied_below.
-        beyond_volume: `clearance.beyond_volume`.
         disagreements: of clouds whose heights contradict each other.
         flying: per cloud, (n,) which of its points are flying pixels.
     """
 
+    snapshot: Snapshot
     points: Array
     near: NearPoints
     bounds: tuple[Array, Array]
-    volume: TargetVolume
-    grid: GridSettings
-    regions: RegionSettings
     sights: tuple[View, ...]
-    snapshot: Snapshot
-    unknown: bool = False
-    unknown_below: bool = False
-    beyond_volume: bool = True
-    disagreements: tuple[Disagreement, ...] = ()
-    flying: tuple[npt.NDArray[np.bool_], ...] = ()
+    disagreements: tuple[Disagreement, ...]
+    flying: tuple[Mask, ...]
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -67,53 +66,67 @@ class Surroundings:
         """
         if before is not None and before.made_of(snapshot):
             return before
-        points = np.vstack(snapshot.clouds)
-        flying = _flying(snapshot, before)
-        real = ~np.concatenate(flying)
+        flying = _flying_of_each(snapshot, before)
+        points, real = np.vstack(snapshot.clouds), ~np.concatenate(flying)
         kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
-            measured = ~np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
+            measured = np.repeat([not p.placed for p in snapshot.parts], _sizes(snapshot))
             rows = np.flatnonzero(measured & real)
-            kept[rows], near = _near(snapshot, points[rows])
-        sights = _sights(snapshot, kept, flying)
-        points = points[kept & real]
+            kept[rows], near = _beside_robot(snapshot, points[rows])
+        each_kept = np.split(kept, np.cumsum(_sizes(snapshot))[:-1])
+        left = points[kept & real]
         return cls(
-            points,
-            near,
-            grid_bounds(snapshot, points),
-            snapshot.parameters.volume,
-            snapshot.parameters.grid_settings,
-            snapshot.parameters.region_settings,
-            sights,
             snapshot,
-            snapshot.parameters["unknown_space"] != "free",
-            snapshot.parameters["unknown_space"] == "occupied_below",
-            bool(snapshot.parameters["clearance.beyond_volume"]),
-            _disagreements(snapshot, np.vstack(snapshot.clouds), kept & real),
+            left,
+            near,
+            grid_bounds(snapshot, left),
+            _sights(snapshot, each_kept, flying),
+            _disagreements(snapshot, each_kept, flying),
             flying,
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
         """Whether these are that snapshot's, as far as can be told at a glance."""
-        return _same_inputs(snapshot, self.snapshot)
+        mine = self.snapshot
+        return (
+            len(mine.parts) == len(snapshot.parts)
+            and all(map(_is_same_part, mine.parts, snapshot.parts))
+            and _agree(mine, snapshot, _MAKE_POINTS)
+            and _have_same_hands(mine, snapshot)
+        )
 
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
         return self is other or (
-            self.grid == other.grid
-            and self.regions == other.regions
-            and self.volume.same(other.volume)
-            and self.beyond_volume == other.beyond_volume
-            and _equal(self.bounds, other.bounds)
-            and np.array_equal(self.points, other.points)
+            self._rules == other._rules
+            and len(self._arrays) == len(other._arrays)
+            and all(map(np.array_equal, self._arrays, other._arrays))
             and self.near.same(other.near)
-            and list(map(str, self.disagreements)) == list(map(str, other.disagreements))
-            and len(self.sights) == len(other.sights)
-            and (not self.sights or self.unknown == other.unknown)
-            and (not self.sights or self.unknown_below == other.unknown_below)
-            and all(map(_same_view, self.sights, other.sights))
-            and (not (self.sights and self.unknown) or _same_hands(self.snapshot, other.snapshot))
+            and (not self._is_unknown_occupied or _have_same_hands(self.snapshot, other.snapshot))
         )
+
+    @property
+    def _is_unknown_occupied(self) -> bool:
+        return bool(self.sights) and self.snapshot.parameters["unknown_space"] != "free"
+
+    @property
+    def _rules(self) -> tuple[object, ...]:
+        """What must be equal."""
+        parameters = self.snapshot.parameters
+        return (
+            parameters.grid_settings,
+            parameters.region_settings,
+            parameters["target_volume"],
+            parameters["clearance.beyond_volume"],
+            parameters["unknown_space"] if self.sights else "",
+            [str(each) for each in self.disagreements],
+        )
+
+    @property
+    def _arrays(self) -> list[Any]:
+        """What must be equal, element by element."""
+        sights = [array for view in self.sights for array in (view.origin, view.points, view.hides)]
+        return [*self.bounds, self.points, *sights]
 
     def environment(self) -> Environment:
         """Preprocess the points.
@@ -121,26 +134,32 @@ class Surroundings:
         Raises:
             PlacementPlannerError: they are unusable.
         """
-        parameters = self.snapshot.parameters
+        snapshot, parameters = self.snapshot, self.snapshot.parameters
+        robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
         around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        unknown = parameters["unknown_space"] != "free"
         made = Environment.from_points(
             self.points,
-            self.volume,
-            self.grid,
-            self.regions,
+            parameters.volume,
+            parameters.grid_settings,
+            parameters.region_settings,
             self.bounds,
-            views=self.sights if self.unknown else (),
-            sights=() if self.unknown else self.sights,
-            outside_robot=lambda centers, distance: _outside(
-                self.snapshot, centers, around + distance
+            views=self.sights if unknown else (),
+            sights=() if unknown else self.sights,
+            outside_robot=lambda centers, distance: outside_robot(
+                centers, robot, q, arms, body, around + distance
             ),
-            unknown_below=self.unknown_below,
-            beyond_volume=self.beyond_volume,
+            unknown_below=parameters["unknown_space"] == "occupied_below",
+            beyond_volume=parameters["clearance.beyond_volume"],
         )
         return made.with_disagreements(self.disagreements).with_near(self.near)
 
 
-def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], NearPoints]:
+def _sizes(snapshot: Snapshot) -> list[int]:
+    return [len(cloud) for cloud in snapshot.clouds]
+
+
+def _beside_robot(snapshot: Snapshot, points: Array) -> tuple[Mask, NearPoints]:
     """Which of points (n, 3) are not near the robot; of the others, what may be something else."""
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
@@ -152,78 +171,59 @@ def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], Nea
 
 
 def _disagreements(
-    snapshot: Snapshot, points: Array, kept: npt.NDArray[np.bool_]
+    snapshot: Snapshot, kept: list[Mask], flying: tuple[Mask, ...]
 ) -> tuple[Disagreement, ...]:
-    """Which of the topics' clouds contradict each other, by those points (n, 3) that are kept."""
-    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-    clouds, each_kept = np.split(points, ends), np.split(kept, ends)
-    rows = [i for i, topic in enumerate(snapshot.topics) if topic]
+    """Which of the topics' clouds contradict each other, by points that are kept."""
+    rows = [i for i, part in enumerate(snapshot.parts) if part.topic]
+    parts = [snapshot.parts[i] for i in rows]
     return tuple(
         disagreements(
-            [clouds[i][each_kept[i]] for i in rows],
-            [snapshot.topics[i] for i in rows],
-            [snapshot.times[i] for i in rows],
+            [snapshot.parts[i].points[kept[i] & ~flying[i]] for i in rows],
+            [part.topic for part in parts],
+            [part.time for part in parts],
             snapshot.parameters["contact_tolerance"],
         )
     )
 
 
-def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArray[np.bool_], ...]:
+def _flying_of_each(snapshot: Snapshot, before: Surroundings | None) -> tuple[Mask, ...]:
     """Per cloud, (n,) which of its points are flying pixels; clouds that were there before are not
     looked at again."""
-    known: dict[int, tuple[Array | None, npt.NDArray[np.bool_]]] = {}
-    if before is not None and before.snapshot.origins:
-        clouds, origins = before.snapshot.clouds, before.snapshot.origins
-        for cloud, origin, flies in zip(clouds, origins, before.flying, strict=True):
-            known[id(cloud)] = origin, flies
+    known = [] if before is None else list(zip(before.snapshot.parts, before.flying, strict=True))
     found = []
-    for i, cloud in enumerate(snapshot.clouds):
-        origin = snapshot.origins[i] if snapshot.origins else None
-        seen_from, flies = known.get(id(cloud), (None, np.zeros(len(cloud), np.bool_)))
-        if origin is not None and not (snapshot.placed and snapshot.placed[i]):
-            if seen_from is None or not np.array_equal(origin, seen_from):
-                flies = flying_pixels(cloud, origin)
-        else:
-            flies = np.zeros(len(cloud), np.bool_)
-        found.append(flies)
+    for part in snapshot.parts:
+        if part.origin is None or part.placed:
+            found.append(np.zeros(len(part.points), np.bool_))
+            continue
+        same = (flies for other, flies in known if _is_same_part(part, other))
+        flies = next(same, None)
+        found.append(flying_pixels(part.points, part.origin) if flies is None else flies)
     return tuple(found)
 
 
-def _sights(
-    snapshot: Snapshot,
-    kept: npt.NDArray[np.bool_],
-    flying: tuple[npt.NDArray[np.bool_], ...],
-) -> tuple[View, ...]:
+def _sights(snapshot: Snapshot, kept: list[Mask], flying: tuple[Mask, ...]) -> tuple[View, ...]:
     """Of each cloud whose sensor's place is known what it saw.
 
     Lines of sight that pass through the box around an object placed since tell nothing any more.
 
     Args:
-        kept: (n,) points of all clouds that the robot does not carry.
+        kept: per cloud, (n,) points that the robot does not carry.
     """
-    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-    origins = snapshot.origins or (None,) * len(snapshot.clouds)
-    placed = [
-        (cloud.min(axis=0), cloud.max(axis=0))
-        for cloud, is_placed in zip(snapshot.clouds, snapshot.placed, strict=False)
-        if is_placed
-    ]
+    placed = [(p.points.min(axis=0), p.points.max(axis=0)) for p in snapshot.parts if p.placed]
     sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
-    for cloud, hides, origin, flies in zip(
-        snapshot.clouds, np.split(kept, ends), origins, flying, strict=True
-    ):
-        if origin is None:
+    for part, hides, flies in zip(snapshot.parts, kept, flying, strict=True):
+        if part.origin is None:
             continue
         # the robot's points tell of unknown space what they do not hide; else they are left out, so
         # that a robot that moves makes no environment anew
         tells = ~flies if unknown else ~flies & hides
         for lower, upper in placed:
-            tells &= ~_passes(cloud, origin, lower, upper)
-        sights.append(View(cloud[tells], origin, hides[tells]))
+            tells &= ~_passes_through(part.points, part.origin, lower, upper)
+        sights.append(View(part.points[tells], part.origin, hides[tells]))
     return tuple(sights)
 
 
-def _passes(points: Array, origin: Array, lower: Array, upper: Array) -> npt.NDArray[np.bool_]:
+def _passes_through(points: Array, origin: Array, lower: Array, upper: Array) -> Mask:
     """(n,) whether the line from a place to each point passes through a box and out of it again."""
     along = points - origin
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -233,67 +233,37 @@ def _passes(points: Array, origin: Array, lower: Array, upper: Array) -> npt.NDA
     return np.asarray((enters < leaves) & (enters > 0.0) & (leaves < 1.0))
 
 
-def _outside(snapshot: Snapshot, points: Array, distance: float) -> npt.NDArray[np.bool_]:
-    return outside_robot(
-        points, snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, distance
-    )
+def _is_same_part(a: PointSet, b: PointSet) -> bool:
+    """Whether two point sets hold the same array, seen from the same place."""
+    if a.points is not b.points or a.placed != b.placed:
+        return False
+    if a.origin is None or b.origin is None:
+        return a.origin is b.origin
+    return np.array_equal(a.origin, b.origin)
 
 
-def _equal(some: tuple[Array, Array], others: tuple[Array, Array]) -> bool:
-    return all(map(np.array_equal, some, others))
+def _agree(a: Snapshot, b: Snapshot, names: tuple[str, ...]) -> bool:
+    """Whether these parameters are the same."""
+    return all(a.parameters[name] == b.parameters[name] for name in names)
 
 
-def _same_view(a: View, b: View) -> bool:
-    return _equal((a.origin, a.points), (b.origin, b.points)) and np.array_equal(
-        np.asarray(a.hides), np.asarray(b.hides)
-    )
-
-
-def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
-    names = (
-        "contact_tolerance",
-        "target_volume",
-        "cloud.cell_size",
-        "max_slope",
-        "clearance.beyond_volume",
-        "self_filter.enabled",
-        "unknown_space",
-    )
-    return (
-        len(a.clouds) == len(b.clouds)
-        and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))
-        and a.placed == b.placed
-        and all(map(np.array_equal, map(_known, a.origins), map(_known, b.origins)))
-        and all(a.parameters[name] == b.parameters[name] for name in names)
-        and _same_hands(a, b)
-    )
-
-
-def _known(origin: Array | None) -> Array:
-    return np.empty(0) if origin is None else origin
-
-
-def _same_hands(a: Snapshot, b: Snapshot) -> bool:
+def _have_same_hands(a: Snapshot, b: Snapshot) -> bool:
     """Whether robot and held object fill the same space."""
-    names = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
+    hands = [
+        [(arm.joints, arm.tip_frame, arm.grasps) for arm in snapshot.arms] for snapshot in (a, b)
+    ]
     return (
         a.robot is b.robot
         and a.body is b.body
         and np.array_equal(a.q_start, b.q_start)
-        and [(arm.joints, arm.tip_frame, arm.grasps) for arm in a.arms]
-        == [(arm.joints, arm.tip_frame, arm.grasps) for arm in b.arms]
-        and all(a.parameters[name] == b.parameters[name] for name in names)
+        and hands[0] == hands[1]
+        and _agree(a, b, _MAKE_HANDS)
     )
 
 
 def _workspace(snapshot: Snapshot) -> tuple[Array, Array]:
-    return workspace(
-        snapshot.robot,
-        snapshot.arms,
-        snapshot.q_start,
-        snapshot.body,
-        snapshot.parameters.volume,
-    )
+    volume = snapshot.parameters.volume
+    return workspace(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume)
 
 
 def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
@@ -302,17 +272,13 @@ def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
     Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
     counts too.
     """
+    parameters = snapshot.parameters
     lower, upper = _workspace(snapshot)
-    if _is_unknown_occupied(snapshot):
+    seen = any(part.origin is not None for part in snapshot.parts)
+    if parameters["unknown_space"] != "free" and seen:
         return lower, upper
-    volume = snapshot.parameters.volume
-    found = cropped(lower, upper, points, float(snapshot.parameters["cloud.cell_size"]))
-    return (volume.lower, volume.upper) if found is None else found
-
-
-def warm_up() -> None:
-    """Compile, or load."""
-    cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
+    found = cropped(lower, upper, points, float(parameters["cloud.cell_size"]))
+    return (parameters.volume.lower, parameters.volume.upper) if found is None else found
 
 
 def require_grid(snapshot: Snapshot) -> None:
@@ -341,45 +307,29 @@ def require_grid(snapshot: Snapshot) -> None:
         )
 
 
-def _is_unknown_occupied(snapshot: Snapshot) -> bool:
-    return snapshot.parameters["unknown_space"] != "free" and any(
-        origin is not None for origin in snapshot.origins
-    )
-
-
-def disagreement_notes(environment: Environment | None) -> list[str]:
-    """Which clouds contradict each other.
+def environment_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
+    """Which clouds contradict each other, and what to tell of `unknown_space`: how much of V was
+    seen, or that nobody can tell.
 
     Args:
         environment: the run's; None where it is yet to be made.
     """
-    found = () if environment is None else environment.disagreements
-    return [
+    notes = [
         f"clouds disagree: {each}, over a patch that both see; nothing is put down there where "
         "that is more than contact_tolerance and noise: calibrate the cameras"
-        for each in found
+        for each in (() if environment is None else environment.disagreements)
     ]
-
-
-def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
-    """What to tell of `unknown_space`: how much of V was seen, or that nobody can tell.
-
-    Args:
-        environment: the run's; None where it is yet to be made.
-    """
     asked = snapshot.parameters["unknown_space"]
-    if asked == "free":
-        return []
-    if all(origin is None for origin in snapshot.origins):
-        return [
+    if asked != "free" and all(part.origin is None for part in snapshot.parts):
+        notes.append(
             f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen "
             "from; publish organised clouds in their optical frame, or name their frame in "
             "sensor_frames"
-        ]
-    if environment is None or environment.seen is None:
-        return []
-    upto = " up to the highest thing measured" if asked == "occupied_below" else ""
-    return [
-        f"the sensors have seen {environment.seen:.0%} of target_volume; with unknown_space: "
-        f"{asked} the rest counts as occupied{upto}"
-    ]
+        )
+    elif asked != "free" and environment is not None and environment.seen is not None:
+        upto = " up to the highest thing measured" if asked == "occupied_below" else ""
+        notes.append(
+            f"the sensors have seen {environment.seen:.0%} of target_volume; with unknown_space: "
+            f"{asked} the rest counts as occupied{upto}"
+        )
+    return notes

@@ -22,41 +22,8 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.self_filter import Outline, held_outlines
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
-_SAMPLES = 400
-"""Of a curve per second, between which it counts as straight; ..."""
-_FEWEST_SAMPLES, _MOST_SAMPLES = 50, 20_000
-"""... at least, and at most, of each stretch."""
-_NAMED = 3
-"""Joints that are named at most."""
-
-
-class Ways:
-    """Makes the ways of a run's placements.
-
-    Args:
-        environment: what they are planned in.
-    """
-
-    def __init__(self, snapshot: Snapshot, environment: Environment) -> None:
-        self._snapshot = snapshot
-        self._environment = environment
-        self._settings = snapshot.parameters.planner_settings.collision
-        self._density = sum(map(len, snapshot.clouds)) / max(len(environment.measured), 1)
-
-    def of(self, placement: Placement) -> Way:
-        """The way of one of them.
-
-        Checked is what was planned: transit and approach with the object in hand, the object where
-        it stands at last, the hand as it opens, and the retreat.
-
-        Raises:
-            PlacementPlannerError: the arm cannot hold the object like that.
-        """
-        goal, margin = placement.goal, self._settings.collision_margin
-        obstacles = self._environment.obstacles_of(goal.arm, goal.grasp)[0]
-        stretches = _stretches(placement, self._snapshot, obstacles, self._settings)
-        space = SweptSpace(stretches, obstacles, margin, self._density)
-        return Way(space, _outline(self._snapshot, goal))
+SAMPLES_PER_S = 400
+"""Of a curve, between which it counts as straight; 50 to 20,000 of each stretch."""
 
 
 class Way:
@@ -99,16 +66,32 @@ class Way:
         )
 
 
-def _outline(snapshot: Snapshot, goal: Goal) -> Outline | None:
+def way_of(snapshot: Snapshot, environment: Environment, placement: Placement) -> Way:
+    """The way of a placement that was planned from that snapshot in that environment.
+
+    Checked is what was planned: transit and approach with the object in hand, the object where it
+    stands at last, the hand as it opens, and the retreat.
+
+    Raises:
+        PlacementPlannerError: the arm cannot hold the object like that.
+    """
+    goal, settings = placement.goal, snapshot.parameters.planner_settings.collision
+    density = sum(map(len, snapshot.clouds)) / max(len(environment.measured), 1)
+    obstacles = environment.obstacles_of(goal.arm, goal.grasp)[0]
+    stretches = _stretches(placement, snapshot, obstacles, settings)
+    space = SweptSpace(stretches, obstacles, settings.collision_margin, density)
+    return Way(space, _start_outline(snapshot, goal))
+
+
+def _start_outline(snapshot: Snapshot, goal: Goal) -> Outline | None:
     """What the robot fills at the start with the object in that grasp; None where that counts."""
     parameters, robot, q = snapshot.parameters, snapshot.robot, snapshot.q_start
     if not parameters["self_filter.enabled"]:
         return None
     padding = parameters["self_filter.padding"]
-    arm = next(a for a in snapshot.arms if a.name == goal.arm)
-    held = held_outlines(robot, q, [arm], snapshot.body, padding)[goal.arm, goal.grasp]
+    held = held_outlines(robot, q, [snapshot.arm(goal.arm)], snapshot.body, padding)
     of_robot = Outline.of_robot(robot, q, padding, parameters.padding_of)
-    return Outline(of_robot.placed + held.placed)
+    return Outline(of_robot.placed + held[goal.arm, goal.grasp].placed)
 
 
 def _stretches(
@@ -118,7 +101,7 @@ def _stretches(
     settings: CollisionSettings,
 ) -> list[Stretch]:
     goal, robot = placement.goal, snapshot.robot
-    arm = next(a for a in snapshot.arms if a.name == goal.arm)
+    arm = snapshot.arm(goal.arm)
     moving = MovingArm(robot, arm, snapshot.q_start)
     holding = ArmCollision(moving, AttachedObject(snapshot.body, goal.grasp), obstacles, settings)
     contact = goal.contact_height + settings.contact_tolerance
@@ -146,12 +129,12 @@ def _stretches(
 
 def _dense(arm: ArmCollision, curve: Trajectory, begin: float, end: float) -> Array:
     """(k, dof) the curve from one time to another, as a `Stretch` needs it."""
-    number = int(np.clip(_SAMPLES * (end - begin), _FEWEST_SAMPLES, _MOST_SAMPLES))
+    number = int(np.clip(SAMPLES_PER_S * (end - begin), 50, 20_000))
     times = np.linspace(begin, end, number)
     return positions_at(curve, even_times(arm, positions_at(curve, times), times))
 
 
-def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
+def outdated_inputs(snapshot: Snapshot, inputs: Inputs) -> str:
     """Why what a run began with holds no more, apart from what clouds show; '' where it does.
 
     The same words as long as the reason is the same.
@@ -166,18 +149,16 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
     timeout = parameters["joint_state_timeout"]
     stale = list(inputs.joints.stale(snapshot.joints, now, timeout))
     if stale:
-        named = listed(stale, most=_NAMED)
-        return f"joint values of {named} are older than joint_state_timeout = {timeout:g} s"
+        return f"joint values of {listed(stale)} are older than joint_state_timeout = {timeout:g} s"
     max_age = parameters["cloud.max_age"]
     if parameters["cloud.mode"] == "latest":
         old = list(inputs.clouds.stale(max_age, now))
         if old:  # be it that newer ones are refused
-            topics = listed(old, most=_NAMED)
-            return f"clouds on {topics} are older than cloud.max_age = {max_age:g} s"
+            return f"clouds on {listed(old)} are older than cloud.max_age = {max_age:g} s"
     return ""
 
 
-def moved(snapshot: Snapshot, inputs: Inputs) -> str:
+def moved_from_start(snapshot: Snapshot, inputs: Inputs) -> str:
     """Why the robot is no more where a run began; '' where it is, as far as anybody knows."""
     robot, parameters = snapshot.robot, snapshot.parameters
     tolerance = parameters["start_tolerance"]

@@ -9,10 +9,10 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.validity import Way, Ways
+from placement_planner_ros.ros.run.validity import Way, way_of
 
-_CLOSING = 0.5
-"""Seconds that closing waits at most."""
+CLOSING_S = 0.5
+"""That closing waits at most."""
 NOT_LOOKED_AT = "it has not been held against newer clouds yet, which takes a moment"
 """Said of a placement until it is known whether anything stands in its way."""
 _CANNOT = "it cannot be held against newer clouds"
@@ -43,7 +43,6 @@ class Watch:
         self._lock = threading.Lock()
         self._snapshot: Snapshot | None = None
         self._environment: Environment | None = None
-        self._ways: Ways | None = None
         self._wanted: Placement | None = None
         self._looked_at: Placement | None = None
         self._way: Way | None = None
@@ -68,7 +67,7 @@ class Watch:
     def follow(self, snapshot: Snapshot) -> None:
         """A run begins with this."""
         with self._lock:
-            self._snapshot, self._environment, self._ways = snapshot, None, None
+            self._snapshot, self._environment = snapshot, None
             self._wanted, self._looked_at, self._way = None, None, None
             self._blocked = {}
 
@@ -102,7 +101,7 @@ class Watch:
             self._closed = True
             self._way = None
             self._news.set()
-        self._thread.join(_CLOSING)
+        self._thread.join(CLOSING_S)
 
     @property
     def busy(self) -> bool:
@@ -117,22 +116,18 @@ class Watch:
                 if self._closed:
                     return
                 snapshot, placement = self._snapshot, self._wanted
-                ways, environment = self._ways, self._environment
+                environment = self._environment
             if snapshot is None or environment is None or placement is None:
                 continue
             if not self._to_look_at(snapshot):
                 self._changed()  # it holds, so nobody need wait
             way, fault = None, ""
             try:
-                ways = ways or Ways(snapshot, environment)
-                way = ways.of(placement)
+                way = way_of(snapshot, environment, placement)
             except Exception as error:
                 # The thread's outermost frame: what cannot be looked at is not called valid.
                 fault = f"{_CANNOT}: {error}"
                 self._on_error(error)
-            with self._lock:
-                if self._snapshot is snapshot:
-                    self._ways = ways
             if self._look_at_all(snapshot, placement, way, fault):
                 self._changed()
 

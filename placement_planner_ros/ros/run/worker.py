@@ -6,7 +6,7 @@ import contextlib
 import enum
 import threading
 import time
-from typing import Protocol
+from typing import Literal, Protocol
 
 import pinocchio as pin
 
@@ -14,9 +14,8 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
+from placement_planner_ros.ros.run.preparation import Planner, Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.warmth import Warmth
 
 
 class State(enum.StrEnum):
@@ -33,19 +32,38 @@ class State(enum.StrEnum):
     FAILED = "failed"
 
 
-POLL = 0.05
-"""Seconds between looks at whether a run that waits has been stopped."""
+ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
+LOOK_S = 0.05
+"""Between looks at whether a run that waits has been stopped."""
+PREPARATION_LIMIT_S = 60.0
+"""That making environment and planner may take; what compiling takes does not count."""
 
-PREPARATION_LIMIT = 60.0
-"""Seconds that making environment and planner may take; what compiling takes does not count."""
-
+_UNPREPARED = (
+    "the run was ended while robot, object and clouds were still being prepared; give it more time"
+)
 _TOO_LATE = "the run was told to end just as it found the first placement"
 """Said where a placement was found too late to be published."""
 
-MOST_POSES = 10_000
-"""Placements of a run whose poses are kept, the newest ones."""
 
-ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
+class Warmth(threading.Event):
+    """Set once warming up is over, be it that it failed.
+
+    Attributes:
+        failure: why it failed; empty where it did not, or is not over.
+        progress: how far compiling is; empty where nothing is compiled.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.failure = ""
+        self.progress = ""
+
+    @property
+    def shown(self) -> Literal["true", "false", "failed"]:
+        """As `~/status` says it."""
+        if not self.is_set():
+            return "false"
+        return "failed" if self.failure else "true"
 
 
 class RunObserver(Protocol):
@@ -53,19 +71,15 @@ class RunObserver(Protocol):
 
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The environment is ready; the search begins."""
-        ...
 
     def placed(self, run: Run, placement: Placement) -> None:
         """A placement better than the one before."""
-        ...
 
     def changed(self, run: Run) -> None:
         """The run's state changed."""
-        ...
 
     def failed(self, run: Run, error: BaseException) -> None:
         """The run is about to end over something that nobody expected, or a plug-in raised."""
-        ...
 
 
 class Run:
@@ -83,7 +97,7 @@ class Run:
         state: where it is.
         reason: in words, why it ended, where that was not because somebody said so.
         found: how many placements were published, and the last of them; None before the first.
-        poses: T_world_object of the last `MOST_POSES` of them, by their numbers.
+        poses: T_world_object of each of them, by their numbers.
         confirmed: whether one of them has been carried out.
     """
 
@@ -143,13 +157,11 @@ class Run:
     def code(self) -> str:
         """How it ended, for programs; OK while it has not."""
         state = self.state
-        if state not in ENDED:
-            return "OK"
         if state is State.FAILED:
             return self._error_code
         if state is State.ROBOT_MOVED:
             return "ROBOT_MOVED"
-        if self.solutions > 0:
+        if state not in ENDED or self.solutions > 0:
             return "OK"
         cause = self.planner.cause if state is State.EXHAUSTED and self.planner else None
         return cause or "NO_SOLUTION"
@@ -182,21 +194,15 @@ class Run:
         """In words, what was found, or why nothing was."""
         if self.best is not None:
             several = f"{self.solutions} solutions, the best"
-            found = (
-                f"{several if self.solutions > 1 else 'one solution,'} by arm {self.best.goal.arm}"
-            )
-            if self.reason:
-                found += f"; ended because {self.reason}"
-            rejected = "" if self.planner is None else self.planner.explanation.cause
-            return f"{found}; {rejected}" if rejected else found
-        if self.reason:
-            return f"no solution: {self.reason}"
-        if self.planner is None:
-            return (
-                "no solution: the run was ended while robot, object and clouds were still being "
-                "prepared; give it more time"
-            )
-        return f"no solution: {self._named(self._explanation.short) or _TOO_LATE}"
+            count = several if self.solutions > 1 else "one solution,"
+            words = [f"{count} by arm {self.best.goal.arm}"]
+            words += [f"ended because {self.reason}"] if self.reason else []
+            words += [self.planner.explanation.cause] if self.planner is not None else []
+            return "; ".join(filter(None, words))
+        why = self.reason
+        if not why and self.planner is None:
+            why = _UNPREPARED
+        return f"no solution: {why or self._named(self._explanation.short) or _TOO_LATE}"
 
     @property
     def why(self) -> str:
@@ -230,30 +236,8 @@ class Run:
     def fail(self, error: BaseException) -> None:
         """End over an error, in the thread that met it."""
         try:
-            if isinstance(error, PlacementPlannerError):
-                self._error_code, self.reason = error.code, str(error)
-                unexpected = error.field == "objective" and error.__cause__ is not None
-            elif isinstance(error, StoppedError):
-                self._error_code, unexpected = "NO_SOLUTION", False
-                self.reason = (
-                    f"preparing took longer than {PREPARATION_LIMIT:g} s, the last of it {error}; "
-                    "look at what that names: simpler meshes, fewer grasps or a larger "
-                    "cloud.cell_size prepare faster"
-                )
-            elif isinstance(error, MemoryError):
-                self._error_code, unexpected = "INTERNAL", True
-                self.reason = (
-                    f"there is not enough memory: {error}; give the node more, or ask for less by "
-                    "a larger cloud.cell_size, a smaller target_volume or thinner clouds"
-                )
-            elif isinstance(error, Exception):
-                self._error_code, unexpected = "INTERNAL", True
-                self.reason = f"{type(error).__name__}: {error}; a fault of the planner's own"
-            else:
-                # In a worker thread nothing but an objective raises SystemExit and the like.
-                mine = ParameterError("objective", type(error).__name__, "the objective raised it")
-                self._error_code, unexpected, self.reason = mine.code, True, str(mine)
-            if unexpected:
+            self._error_code, self.reason, expected = _failure(error)
+            if not expected:
                 self._observer.failed(self, error)
         finally:
             self._become(State.FAILED)
@@ -282,9 +266,9 @@ class Run:
         while not self._warm.is_set():
             if self._ending is not None:
                 raise StoppedError("waiting for compilation")
-            self._warm.wait(POLL)
+            self._warm.wait(LOOK_S)
         compiles = bool(self._warm.failure)  # as it goes, which takes as long as it takes
-        latest = float("inf") if compiles else time.monotonic() + PREPARATION_LIMIT
+        latest = float("inf") if compiles else time.monotonic() + PREPARATION_LIMIT_S
         return self._prepare(
             self.snapshot, lambda: self._ending is not None or time.monotonic() >= latest
         )
@@ -301,8 +285,7 @@ class Run:
             if self._ending is None:
                 self.state = State.SEARCHING
         self._observer.prepared(self, prepared)
-        began = time.monotonic()
-        limit = self.snapshot.parameters["time_limit"]
+        began, limit = time.monotonic(), self.snapshot.parameters["time_limit"]
         if limit > 0.0:
             self._deadline = began + limit
         with contextlib.suppress(StoppedError), stoppable(self.should_stop):
@@ -322,7 +305,32 @@ class Run:
                 # As one, for what is said of the last is not to be read as said of this one.
                 self.found = (self.solutions + 1, placement)
                 self.poses[self.solutions] = pin.SE3(placement.T_world_object)
-                self.poses.pop(self.solutions - MOST_POSES, None)
                 self._observer.placed(self, placement)
             if self.should_stop():
                 return
+
+
+def _failure(error: BaseException) -> tuple[str, str, bool]:
+    """A run's code and reason where it ends over an error, and whether that is no fault in code."""
+    if isinstance(error, PlacementPlannerError):
+        raised = error.field == "objective" and error.__cause__ is not None
+        return error.code, str(error), not raised
+    if isinstance(error, StoppedError):
+        words = (
+            f"preparing took longer than {PREPARATION_LIMIT_S:g} s, the last of it {error}; look "
+            "at what that names: simpler meshes, fewer grasps or a larger cloud.cell_size prepare "
+            "faster"
+        )
+        return "NO_SOLUTION", words, True
+    if isinstance(error, MemoryError):
+        words = (
+            f"there is not enough memory: {error}; give the node more, or ask for less by a larger "
+            "cloud.cell_size, a smaller target_volume or thinner clouds"
+        )
+        return "INTERNAL", words, False
+    if isinstance(error, Exception):
+        words = f"{type(error).__name__}: {error}; a fault of the planner's own"
+        return "INTERNAL", words, False
+    # In a worker thread nothing but an objective raises SystemExit and the like.
+    mine = ParameterError("objective", type(error).__name__, "the objective raised it")
+    return mine.code, str(mine), False

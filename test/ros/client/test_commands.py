@@ -9,7 +9,7 @@ from helpers.fakes import TABLE
 from helpers.searches import Doing, found, searching
 
 from placement_planner_ros.client import AsyncPlacementClient, PlacementError
-from placement_planner_ros.ros.run.validity import Ways
+from placement_planner_ros.ros.run import watch
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def test_validity_follows_the_node(fed, planner, solution):
 
 
 def test_a_solution_is_handed_out_once_newer_clouds_were_looked_at(fed, planner, monkeypatch):
-    go_on, make = threading.Event(), Ways.of
-    monkeypatch.setattr(Ways, "of", lambda self, at: make(self, at) if go_on.wait(60.0) else None)
+    go_on, make = threading.Event(), watch.way_of
+    monkeypatch.setattr(watch, "way_of", lambda *of: make(*of) if go_on.wait(60.0) else None)
     heard = []
     placing = Doing(lambda: planner.place({}, 60.0, until=heard.append))
     searching(fed)

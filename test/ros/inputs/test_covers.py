@@ -10,9 +10,14 @@ import trimesh
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.covers import cover_in, read_kept
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, ProcessorTimeError
-from placement_planner_ros.ros.inputs.robot_input import _Covers
+from placement_planner_ros.ros.inputs.mesh_process import (
+    MeshProcess,
+    ProcessorTimeError,
+    cover_in,
+    read_kept,
+)
+from placement_planner_ros.ros.inputs.resources import Files
+from placement_planner_ros.ros.inputs.robot_input import _Meshes
 
 URDF = """<robot name="ring"><link name="base"><collision><geometry>
 <mesh filename="ring.stl"/></geometry></collision></link></robot>"""
@@ -28,7 +33,9 @@ def folder(monkeypatch, tmp_path):
 def read(folder, process):
     """The robot, and what was told of its covers."""
     told = []
-    robot = Robot.from_urdf(URDF, [folder], None, None, _Covers(process, told.append))
+    robot = Robot.from_urdf(
+        URDF, [folder], None, None, _Meshes(Files(), process, True, None, told.append).covers
+    )
     assert told == ["cover 1 of 1 (link base)"]
     return robot
 
@@ -43,15 +50,15 @@ def coarse(robot):
 
 def test_a_cover_that_takes_too_long_is_the_hull_and_that_is_told(folder, monkeypatch):
     with MeshProcess() as process:
-        monkeypatch.setattr(mesh_process, "MAX_WAIT", 0.01)
+        monkeypatch.setattr(mesh_process, "MAX_WAIT_S", 0.01)
         assert coarse(read(folder, process))
-        monkeypatch.setattr(mesh_process, "MAX_WAIT", 240.0)
+        monkeypatch.setattr(mesh_process, "MAX_WAIT_S", 240.0)
         assert not coarse(read(folder, process)), "it is tried again"
 
 
 def test_a_cover_that_takes_too_much_of_the_processor_is_told_as_such(folder):
     with MeshProcess() as process:
-        mesh = process.read(folder / "ring.stl")
+        mesh = process.read(folder / "ring.stl")[:2]
         process._child.send_signal(signal.SIGXCPU)  # as the limit that it set itself does
         process._child.wait()
         with pytest.raises(ProcessorTimeError, match="60 s of processor time"):
@@ -60,7 +67,7 @@ def test_a_cover_that_takes_too_much_of_the_processor_is_told_as_such(folder):
 
 def test_where_the_processor_time_is_not_enough_the_hull_is_kept(folder):
     with MeshProcess() as process:
-        mesh = process.read(folder / "ring.stl")
+        mesh = process.read(folder / "ring.stl")[:2]
         process._child.send_signal(signal.SIGXCPU)
         process._child.wait()
         began = []
@@ -85,9 +92,9 @@ def test_a_file_of_the_same_content_is_read_once_and_any_other_anew(folder):
     class Counting(MeshProcess):
         reads = 0
 
-        def read_with_digest(self, path):
+        def read(self, path):
             self.reads += 1
-            return super().read_with_digest(path)
+            return super().read(path)
 
     path, again = folder / "ring.stl", folder / "again.stl"
     again.write_bytes(path.read_bytes())

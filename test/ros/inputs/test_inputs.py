@@ -46,7 +46,8 @@ class World:
         self.clock = SimpleNamespace(seconds=0.0, now=self.now)
         self.parameters = parameter_set(**parameters)
         nowhere = SimpleNamespace(pose=lambda *_, **__: None)
-        self.inputs = Inputs(robot, self.parameters, ["points"], nowhere, self.clock, FILES)
+        self.inputs = Inputs(self.parameters, ["points"], nowhere, self.clock)
+        self.inputs.robot = robot
 
     def now(self):
         return SimpleNamespace(nanoseconds=round(self.clock.seconds * 1e9))
@@ -73,7 +74,7 @@ class World:
         self.inputs.take_cloud("points", message, self.parameters)
 
     def seen(self):
-        return self.inputs.clouds.latest_points()[0]
+        return self.inputs.clouds.latest()["points"].points
 
     def point_at(self, value):
         """Where `POINT` of the link is with the joint at that value."""
@@ -162,9 +163,9 @@ def test_a_cloud_goes_where_its_sensor_is_said_to_be_since_but_not_from_among_ot
 
     world.parameters = said_at(0.1)
     world.cloud(0.0, frame="eye")
-    (first,) = world.inputs.clouds.latest_points()
+    first = world.inputs.clouds.latest()["points"].points
     world.inputs.retry_clouds(said_at(0.1))
-    assert world.inputs.clouds.latest_points()[0] is first
+    assert world.inputs.clouds.latest()["points"].points is first
     for x in (0.4, 0.3):
         world.inputs.retry_clouds(said_at(x))
         there = x if mode == "latest" else 0.1
@@ -177,20 +178,20 @@ def test_nothing_is_merged_while_the_sensor_moves(robot):
     world.sweep(100.0, 101.0, speed=0.03)
     with pytest.raises(CloudFrameError, match=f"moved by {JOINT}.*not merged"):
         world.cloud(100.5)
-    assert not world.inputs.clouds.latest_points()
+    assert not world.inputs.clouds.latest()
     world.sweep(110.0, 111.0, speed=0.01)
     world.cloud(110.5)
-    (before,) = world.inputs.clouds.latest_points()
+    before = world.inputs.clouds.latest()["points"].points
     # Another one is left out: what is known stays good.
     world.sweep(120.0, 121.0, speed=0.03)
     world.cloud(120.5)
-    (after,) = world.inputs.clouds.latest_points()
+    after = world.inputs.clouds.latest()["points"].points
     assert after is before
-    (newest, merged) = world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())
+    (newest, merged) = world.inputs.clouds.parts("merge")
     np.testing.assert_array_equal(newest.points, merged.points)
     # The frame of a sensor that stands beside the robot does not move.
     world.cloud(120.5, frame="yumi_body")
-    assert len(world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())[1].points) == 2
+    assert len(world.inputs.clouds.parts("merge")[1].points) == 2
 
 
 def test_flying_pixels_are_left_out_before_clouds_are_merged(robot):
@@ -204,7 +205,7 @@ def test_flying_pixels_are_left_out_before_clouds_are_merged(robot):
         world = World(robot, cloud__mode="merge", sensor_frames=[LINK])
         world.joints(100.0)
         world.cloud(100.0, cloud, frame)
-        newest, merged = world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())
+        newest, merged = world.inputs.clouds.parts("merge")
         assert len(newest.points) == len(cloud)  # they are filtered when a run begins
         return len(merged.points)
 
@@ -240,7 +241,7 @@ def test_a_cloud_without_a_stamp_taken_on_the_move_is_not_placed_at_rest(robot):
     for at in np.arange(101.0, 106.0, 0.02):
         world.joints(at, **{JOINT: 0.5})
     world.inputs.retry_clouds(world.parameters)
-    assert len(world.inputs.clouds.latest_points()) == 0
+    assert len(world.inputs.clouds.latest()) == 0
     world.cloud(0.0)
     np.testing.assert_allclose(world.seen(), [world.point_at(0.5)], atol=1e-6)
 

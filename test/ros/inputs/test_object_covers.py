@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -92,11 +93,12 @@ def test_the_cover_is_told_of_while_it_is_made_and_not_where_it_is_kept(covers):
     gate, made = covers
     gate.set()
     for told_of in (True, False):
-        objects, told = ObjectInput(ParameterSet(SPECS, {}), FILES), []
-        objects.follow_progress(told.append)
+        told = []
+        log = SimpleNamespace(event=told.append, repeats=lambda *_: None)
+        objects = ObjectInput(ParameterSet(SPECS, {}), FILES, log)
         objects.set_mesh(*ring())
         assert settle(objects) == "ready"
-        assert bool(told) == told_of
+        assert any("cover of the object" in words for words in told) == told_of
         assert objects.progress == ""
     assert len(made) == 1
     gate.clear()

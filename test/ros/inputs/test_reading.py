@@ -3,16 +3,13 @@
 import threading
 import time
 import traceback
+from types import SimpleNamespace
 
 import pytest
 
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
 from placement_planner_ros.ros.inputs.reading import KEPT, NotReadyError, Reading
-
-
-def explained(error):
-    return ObjectError("object", "it", f"{type(error).__name__}: {error}")
 
 
 class Gate:
@@ -39,7 +36,7 @@ class Gate:
 
 @pytest.fixture
 def reading():
-    made = Reading("object", explained)
+    made = Reading("object", ObjectError)
     yield made
     made.close()
     until(lambda: not made.busy)
@@ -124,44 +121,44 @@ def test_few_are_kept_and_lasting_ones_always(reading):
     assert reading.get("mine") == "mine"
 
 
-def test_who_listens_late_hears_of_what_was_read_before(reading):
-    gate, heard = Gate(), []
-    gate.open.set()
-    reading.want("a", gate)
-    reading.wait("a")
-    until(lambda: not reading.busy)
-    reading.listen(heard.append)
-    gate = Gate(ValueError("no"))
-    gate.open.set()
-    reading.want("b", gate)
-    until(lambda: heard == ["a", "b"])
-
-
-@pytest.mark.parametrize("expected", [True, False])
-def test_nothing_of_what_could_not_be_read_is_kept_however_often_it_is_asked_for(reading, expected):
+def test_nothing_of_what_could_not_be_read_is_kept_however_often_it_is_asked_for(reading):
     def read(_):
         try:
             raise KeyError("it")
         except KeyError as error:
-            if not expected:
-                raise
             raise ObjectError("object", "it", "no mesh") from error
 
-    told = []
-    reading.listen(lambda key: told.append(traced(key)))
-
-    def traced(key):
-        with pytest.raises(ObjectError) as error:
-            reading.get(key)
-        return error.value.__cause__.__traceback__ is not None
-
     reading.want("a", read)
-    until(lambda: told and not reading.busy)
-    assert told == [True]  # who listens can say where it was raised
-    assert not traced("a")  # with where it was raised goes what that held
+    until(lambda: not reading.busy)
     lengths = set()
     for _ in range(20):
         with pytest.raises(ObjectError) as error:
             reading.get("a")
+        assert error.value.__cause__.__traceback__ is None
         lengths.add(len(list(traceback.walk_tb(error.value.__traceback__))))
     assert len(lengths) == 1
+
+
+def test_what_is_read_or_cannot_be_is_said():
+    said = []
+    log = SimpleNamespace(
+        event=said.append,
+        repeats=lambda kind, words: said.append(f"{kind}: {words}"),
+        fault=lambda kind, error: said.append(f"{kind}: {error}"),
+    )
+    reading = Reading("object", ObjectError, lambda made: f"read {made}", log)
+    for key, made in (
+        ("a", "it"),
+        ("b", ObjectError("object", "it", "no mesh")),
+        ("c", KeyError(3)),
+    ):
+        gate = Gate(made)
+        gate.open.set()
+        reading.want(key, gate)
+        until(lambda: not reading.busy)
+    assert said[:3] == [
+        "read it",
+        "object refused: object = 'it': no mesh",
+        "object cannot be read for a fault: 3",
+    ]
+    assert len(said) == 4

@@ -1,12 +1,9 @@
 import numpy as np
 import pinocchio as pin
-import pytest
 
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.ros.outputs.conversions import (
-    duration_message,
     pose_message,
-    time_message,
     trajectory_message,
     with_all_joints,
 )
@@ -36,18 +33,6 @@ def test_a_trajectory_message_holds_every_column():
 def test_no_trajectory_is_an_empty_message():
     message = trajectory_message(None, "3/0")
     assert (message.header.frame_id, message.joint_names, message.points) == ("3/0", [], [])
-
-
-@pytest.mark.parametrize("seconds", [0.0, 1e-9, 0.999999999, 0.9999999999, 1.5, 12345.000000001])
-def test_durations_keep_their_nanoseconds(seconds):
-    message = duration_message(seconds)
-    assert 0 <= message.nanosec < 1_000_000_000
-    assert abs(message.sec * 10**9 + message.nanosec - seconds * 1e9) <= 1.0
-
-
-def test_times_split_at_the_second():
-    message = time_message(3_000_000_001)
-    assert (message.sec, message.nanosec) == (3, 1)
 
 
 def test_all_joints_are_held_where_the_robot_is():

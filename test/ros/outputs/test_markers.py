@@ -2,19 +2,21 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.outputs.markers import scene_markers
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
 
+MAP = Header(frame_id="map")
+
 
 def test_every_box_of_the_volume_and_to_keep_out_of_is_drawn():
     lower = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [0.5, 0.0, 0.0]])
     upper = lower + np.array([[0.5, 0.4, 0.3], [0.2, 0.2, 0.1], [0.1, 0.4, 0.3]])
     keep_out = np.stack([lower[:2] - 1.0, upper[:2]], axis=1)
-    drawn = scene_markers("map", Time(), TargetVolume(lower, upper), keep_out, [], [])
+    drawn = scene_markers(MAP, TargetVolume(lower, upper), keep_out, [], [])
     assert len({(marker.ns, marker.id) for marker in drawn}) == len(drawn)
     for name, corners in (
         ("target_volume", np.stack([lower, upper], axis=1)),
@@ -30,7 +32,7 @@ def test_every_box_of_the_volume_and_to_keep_out_of_is_drawn():
 def test_what_was_placed_before_is_drawn_by_some_of_its_points():
     things = [np.random.default_rng(k).random((count, 3)) for k, count in enumerate((10, 20_000))]
     volume = TargetVolume(np.zeros(3), np.ones(3))
-    markers = scene_markers("map", Time(), volume, np.zeros((0, 2, 3)), [], things)
+    markers = scene_markers(MAP, volume, np.zeros((0, 2, 3)), [], things)
     few, many = (DrawnMarkers.of(MarkerArray(markers=[m])).standing for m in markers[-2:])
     assert few == pytest.approx(things[0])
     assert 1000 < len(many) <= 1500

@@ -1,11 +1,10 @@
 """What stands beside the robot, or beside what it holds, is not driven through."""
 
-from dataclasses import replace
-
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.snapshots import parts_of, seen
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.object_solids import coal_transform, object_solids
@@ -15,7 +14,7 @@ from placement_planner_ros.ros.inputs.furniture import fixed_links
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.ros.run.planning import make_planner
+from placement_planner_ros.ros.run.preparation import make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
@@ -40,11 +39,9 @@ def holding():
         (yumi_arm(robot, "left", held.grasps["left"]),),
         robot.configuration(START_CONFIGURATION),
         Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
-        (TABLE,),
+        parts_of((TABLE,)),
         parameters.changed({"target_volume": VOLUME, "seed": 3}),
         robot.root_link,
-        (None,),
-        (False,),
     )
 
 
@@ -102,7 +99,7 @@ def cuts(snapshot, placement, rod, T_rod):
 
 
 def found(snapshot, samples=1500):
-    planner = make_planner(snapshot, Surroundings.of(snapshot).environment()).planner
+    planner = make_planner(snapshot, Surroundings.of(snapshot).environment())
     return list(planner.run(lambda: planner.statistics.samples >= samples))
 
 
@@ -111,7 +108,7 @@ def found(snapshot, samples=1500):
 def test_a_rod_beside_the_held_object_is_not_cut(holding, gap, deviation):
     middle, half, points = rod_beside(holding, gap)
     seen = np.vstack([TABLE, points, own_points(holding, deviation)])
-    snapshot = replace(holding, clouds=(seen,))
+    snapshot = seen(holding, clouds=(seen,))
     rod, T_rod = coal.Capsule(RADIUS - 1e-4, 2 * half), coal.Transform3s(np.eye(3), middle)
     placements = found(snapshot)
     assert placements
@@ -129,7 +126,7 @@ def test_what_is_held_in_one_grasp_is_an_obstacle_in_another(holding):
     turned = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.03])) * holding.arms[0].grasps[0]
     arm = yumi_arm(holding.robot, "left", [holding.arms[0].grasps[0], turned])
     points = own_points(holding)
-    snapshot = replace(holding, arms=(arm,), clouds=(np.vstack([TABLE, points]),))
+    snapshot = seen(holding, arms=(arm,), clouds=(np.vstack([TABLE, points]),))
     environment = Surroundings.of(snapshot).environment()
     assert environment.obstacles_of("left", 0)[0] is environment.obstacles
     others = environment.near.of_grasps["left", 1]
@@ -156,7 +153,7 @@ def test_furniture_of_the_description_carries_and_is_kept_clear_of(holding):
     _, _, rod = rod_beside(holding, 0.1)
     clouds = (rod, fixed.surfaces[0].within(np.full(3, -2.0), np.full(3, 2.0)).points)
     arm = yumi_arm(fixed.robot, "left", holding.arms[0].grasps)
-    snapshot = replace(
+    snapshot = seen(
         holding,
         robot=fixed.robot,
         arms=(arm,),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.snapshots import parts_of, seen
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, StartError
@@ -42,11 +43,9 @@ def snapshot():
         tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
         robot.configuration(START_CONFIGURATION),
         Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
-        (TABLE,),
+        parts_of((TABLE,), (SENSOR,)),
         parameters.changed({"target_volume": VOLUME, "seed": 3}),
         robot.root_link,
-        (SENSOR,),
-        (False,),
     )
 
 
@@ -63,7 +62,7 @@ def again(snapshot, **changes):
     arms = tuple(yumi_arm(snapshot.robot, arm.name, arm.grasps) for arm in snapshot.arms)
     clouds = tuple(cloud.copy() for cloud in snapshot.clouds)
     own = {"arms": arms, "clouds": clouds, "q_start": snapshot.q_start.copy()}
-    return replace(snapshot, **own | changes)
+    return seen(snapshot, **own | changes)
 
 
 @pytest.mark.parametrize("unknown_space", ["free", "occupied"])
@@ -113,7 +112,7 @@ def contents(environment):
 def test_no_run_gets_an_environment_made_for_other_parameters(snapshot, before, after):
     """Nothing but one parameter has changed: not even the clouds are other arrays."""
     parameters = snapshot.parameters.changed(before)
-    earlier = replace(
+    earlier = seen(
         snapshot,
         clouds=(np.vstack([TABLE, on_the_hand(snapshot)]),),
         origins=(SENSOR,),
@@ -140,8 +139,8 @@ def test_no_run_gets_an_environment_made_for_other_parameters(snapshot, before, 
 def test_no_run_gets_an_environment_seen_from_elsewhere_or_filtered_otherwise(snapshot, after):
     parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
     clouds = (np.vstack([TABLE, on_the_hand(snapshot)]),)
-    earlier = replace(snapshot, clouds=clouds, parameters=parameters)
-    known, later = Surroundings.of(earlier), replace(earlier, **after)
+    earlier = seen(snapshot, clouds=clouds, parameters=parameters)
+    known, later = Surroundings.of(earlier), seen(earlier, **after)
     fresh = Surroundings.of(later)
     assert contents(known.environment()) != contents(fresh.environment())
     assert not Surroundings.of(later, known).same(known)
@@ -150,9 +149,9 @@ def test_no_run_gets_an_environment_seen_from_elsewhere_or_filtered_otherwise(sn
 
 def test_flying_pixels_are_left_out_and_counted(snapshot):
     clouds = (np.vstack([TABLE, [[0.45, 0.2, 0.12]]]),)
-    seen = replace(snapshot, clouds=clouds, origins=(SENSOR,))
-    assert preparation().prepare(seen, never).flying == 1
-    assert preparation().prepare(replace(seen, origins=(None,)), never).flying == 0
+    with_eye = seen(snapshot, clouds=clouds, origins=(SENSOR,))
+    assert preparation().prepare(with_eye, never).flying == 1
+    assert preparation().prepare(seen(with_eye, origins=(None,)), never).flying == 0
 
 
 def test_what_was_seen_below_proves_gaps_unless_an_object_stands_there_since(snapshot):
@@ -162,10 +161,10 @@ def test_what_was_seen_below_proves_gaps_unless_an_object_stands_there_since(sna
     def holes(origin, *placed):
         clouds = (np.vstack([TABLE, below]), *placed)
         others = (None,) * len(placed), (True,) * len(placed)
-        seen = replace(
+        among = seen(
             snapshot, clouds=clouds, origins=(origin, *others[0]), placed=(False, *others[1])
         )
-        return Surroundings.of(seen).environment().support.holes
+        return Surroundings.of(among).environment().support.holes
 
     assert len(holes(None)) == 0
     found = holes(SENSOR)
@@ -250,7 +249,7 @@ def test_nothing_is_done_while_nothing_changes(snapshot):
 
 
 def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypatch):
-    monkeypatch.setattr(module, "LOOK", 0.001)
+    monkeypatch.setattr(module, "LOOK_S", 0.001)
     told, looks, wrong = [], [], ["one", "two"]
     enough = threading.Event()
 
@@ -301,7 +300,7 @@ def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot)
     tip = snapshot.robot.link_pose(snapshot.q_start, snapshot.arms[0].tip_frame).translation
     block = tip + np.random.default_rng(0).uniform(-0.05, 0.05, (4000, 3))
     # A thing that stands there is not filtered as a part of the robot.
-    inside = replace(
+    inside = seen(
         snapshot,
         arms=snapshot.arms[:1],
         clouds=(TABLE, block),

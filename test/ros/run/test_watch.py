@@ -24,15 +24,9 @@ class FakeWay:
         return f"{self.name} {points[0, 0]:g}" if points.any() else ""
 
 
-class FakeWays:
-    """Makes these."""
-
-    def __init__(self, snapshot, obstacles):
-        pass
-
-    def of(self, placement):
-        placement.making()
-        return FakeWay(placement.name)
+def fake_way(snapshot, environment, placement):
+    placement.making()
+    return FakeWay(placement.name)
 
 
 def placement(name, making=lambda: None):
@@ -43,7 +37,7 @@ class Watched:
     """A watch, its clouds, and what it told."""
 
     def __init__(self, monkeypatch, mode="latest"):
-        monkeypatch.setattr(module, "Ways", FakeWays)
+        monkeypatch.setattr(module, "way_of", fake_way)
         self.store = CloudStore(["points"])
         self.told, self.errors = [], []
         self.best = None

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from xml.sax.saxutils import quoteattr
 
-import coal
 import numpy as np
 
 from placement_planner_ros.core.robot.allowed_pairs import srdf_line
@@ -13,9 +11,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs.robot_input import announced
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.subject import Subject
-
-_CHECKS = 20
-"""Collision checks, of which the median takes the time that is told."""
 
 
 def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
@@ -39,24 +34,19 @@ def describe_arms(subject: Subject, findings: Findings) -> None:
         unstated = {(each.joint, each.what) for each in told.assumed}
         if timing.chosen:
             unstated = {each for each in unstated if each[1] == "velocity"}
-        rows = [
-            [
-                joint,
-                *(("without", "end") if joint in arm.continuous else (f"{low:.3f}", f"{high:.3f}")),
-                f"{velocity:.3g}" + "*" * ((joint, "velocity") in unstated),
-                f"{acceleration:.3g}" + "*" * ((joint, "acceleration") in unstated),
-                f"{subject.q[index]:.3f}",
-            ]
-            for joint, low, high, velocity, acceleration, index in zip(
-                arm.joints,
-                arm.lower,
-                arm.upper,
-                arm.velocity,
-                np.broadcast_to(timing.accelerations(arm), (arm.dof,)),
-                arm.q_index,
-                strict=True,
+        accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
+        rows = []
+        for k, joint in enumerate(arm.joints):
+            ends = f"{arm.lower[k]:.3f}", f"{arm.upper[k]:.3f}"
+            rows.append(
+                [
+                    joint,
+                    *(("without", "end") if joint in arm.continuous else ends),
+                    f"{arm.velocity[k]:.3g}" + "*" * ((joint, "velocity") in unstated),
+                    f"{accelerations[k]:.3g}" + "*" * ((joint, "acceleration") in unstated),
+                    f"{subject.q[arm.q_index[k]]:.3f}",
+                ]
             )
-        ]
         start = "zero" if subject.assumed else "start"
         findings.table(["joint", "lower", "upper", "velocity", "acceleration", start], rows)
         findings.say(f"rad and m, per s and s²{'; * is assumed' if unstated else ''}", 2)
@@ -64,10 +54,8 @@ def describe_arms(subject: Subject, findings: Findings) -> None:
             if words:
                 findings.say(words)
         findings.say(f"may touch the object: {', '.join(arm.touch_links) or 'nothing'}")
-        opening = [
-            f"{joint} {value:g}"
-            for joint, value in zip(arm.gripper_joints, arm.gripper_open, strict=True)
-        ]
+        opened = zip(arm.gripper_joints, arm.gripper_open, strict=True)
+        opening = [f"{joint} {value:g}" for joint, value in opened]
         findings.say(f"opens by: {', '.join(opening) or 'nothing; see gripper_joints'}")
 
 
@@ -84,50 +72,28 @@ def describe_joint_states(subject: Subject, findings: Findings) -> None:
 def describe_links(robot: Robot, findings: Findings) -> None:
     """Shapes of each link, and how well a cover of convex parts stands in for a mesh."""
     findings.title("links")
-    rows, plain = [], 0
-    rng = np.random.default_rng(0)
-    for thing, link, cover in zip(
-        robot.geometry.geometryObjects, robot.geometry_links, robot.covers, strict=True
-    ):
-        if cover is None:
-            plain += 1
-            continue
-        shape = thing.geometry
-        rows.append(
-            [
-                link,
-                str(shape.num_tris),
-                str(len(cover.parts)),
-                f"{1e3 * cover.excess:.1f}",
-                "solid" if cover.closed else "open",
-                f"{1e3 * _seconds_to_check(shape, rng):.3f}",
-            ]
-        )
+    shapes = zip(robot.geometry.geometryObjects, robot.geometry_links, robot.covers, strict=True)
+    rows = [
+        [
+            link,
+            str(thing.geometry.num_tris),
+            str(len(cover.parts)),
+            f"{1e3 * cover.excess:.1f}",
+            "solid" if cover.closed else "open",
+        ]
+        for thing, link, cover in shapes
+        if cover is not None
+    ]
     if rows:
-        findings.table(["mesh of", "triangles", "parts", "excess mm", "", "ms to check"], rows)
-    if any(row[4] == "open" for row in rows):
+        findings.table(["mesh of", "triangles", "parts", "excess mm", ""], rows)
         findings.say("open meshes count as sheets, without an inside", 2)
+    plain = len(robot.geometry_links) - len(rows)
     findings.say(f"{plain} shapes are primitives or convex" + ("" if rows else ", all there are"))
     if not robot.geometry_links:
-        findings.wrong("the robot has no collision shapes: nothing would be kept apart; give its "
-                       "links <collision> elements")  # fmt: skip
-
-
-def _seconds_to_check(shape: coal.CollisionGeometry, rng: np.random.Generator) -> float:
-    """Of one box of 2 cm near the shape, on its triangles."""
-    shape.computeLocalAABB()
-    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
-    box, request = coal.Box(0.02, 0.02, 0.02), coal.CollisionRequest()
-    request.security_margin = 0.003
-    places = [
-        coal.Transform3s(np.eye(3), at) for at in rng.uniform(low - 0.02, high + 0.02, (_CHECKS, 3))
-    ]
-    seconds = []
-    for T in places:
-        began = time.perf_counter()
-        coal.collide(shape, coal.Transform3s(), box, T, request, coal.CollisionResult())
-        seconds.append(time.perf_counter() - began)
-    return float(np.median(seconds))
+        findings.wrong(
+            "the robot has no collision shapes: nothing would be kept apart; give its links "
+            "<collision> elements"
+        )
 
 
 def describe_pairs(robot: Robot, findings: Findings) -> None:

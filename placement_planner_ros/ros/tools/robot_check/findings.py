@@ -34,32 +34,25 @@ class Findings:
 
     def say(self, words: str, indent: int = 0) -> None:
         """Say something in it."""
-        lead = " " * indent
         for line in words.splitlines() or [""]:
-            print(textwrap.indent(_FILL.fill(line), lead), flush=True)
+            print(textwrap.indent(_FILL.fill(line), " " * indent), flush=True)
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Columns, of which all but the first hold numbers."""
         lines = [head, *rows]
         widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
         for line in lines:
-            cells = [line[0].ljust(widths[0])]
-            cells += [cell.rjust(w) for cell, w in zip(line[1:], widths[1:], strict=True)]
-            print("  " + "  ".join(cells), flush=True)
+            cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
+            print("  " + "  ".join([line[0].ljust(widths[0]), *cells[1:]]), flush=True)
 
     def wrong(self, fault: Exception | str) -> None:
-        """Remember that something is wrong."""
+        """Remember that something is wrong; of links that lack a shape, all of them."""
         words = str(fault)
-        # Errors of a robot with several faults hold each of them.
-        cause: BaseException | None = fault if isinstance(fault, Exception) else None
+        cause: BaseException | None = None if isinstance(fault, str) else fault
         while cause is not None:
-            if isinstance(cause, ShapesError):
-                words = cause.grouped
-                break
+            words = cause.grouped if isinstance(cause, ShapesError) else words
             cause = cause.__cause__
-        for line in words.splitlines():
-            if line not in self.faults:
-                self.faults.append(line)
+        self.faults += [line for line in words.splitlines() if line not in self.faults]
 
     def remark(self, words: str) -> None:
         """Remember something that may not be as it is meant."""
@@ -79,10 +72,8 @@ class Findings:
             self.title("to look at, though the node would plan")
         for remark in self.remarks:
             self.say(f"- {remark}")
-        if not self.faults:
-            self.title("nothing is wrong: the node could plan")
-            return
         number = len(self.faults)
-        self.title(f"{number} thing{'s are' if number > 1 else ' is'} wrong")
+        many = f"{number} thing{'s are' if number > 1 else ' is'} wrong"
+        self.title(many if number else "nothing is wrong: the node could plan")
         for i, fault in enumerate(self.faults, 1):
             self.say(f"{i}. {fault}")

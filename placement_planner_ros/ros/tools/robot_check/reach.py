@@ -22,6 +22,7 @@ from placement_planner_ros.core.reach.upright_motion import most_upright
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
@@ -29,9 +30,10 @@ from placement_planner_ros.ros.tools.robot_check.subject import Subject
 
 POSES = 200
 """Random poses in V per arm and grasp."""
-_SEEDS = 31
-_PATIENCE = 60.0
-"""Seconds of processor time after which making a planner is given up."""
+SEEDS = 31
+"""Of the inverse kinematics for each."""
+PATIENCE_S = 60.0
+"""Of processor time after which making a planner is given up."""
 
 
 def check_reach(subject: Subject, findings: Findings) -> None:
@@ -76,7 +78,7 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
     T_tip_object = arm.grasps[grasp]
     placed = []
     for _ in range(POSES):
-        T = pin.SE3(_upright(rng), _place_in(volume, rng))
+        T = _pose_in(volume, rng)
         T_face_object = pin.SE3.Identity()
         if subject.body is not None and subject.body.faces:
             face = subject.body.faces[int(rng.integers(len(subject.body.faces)))]
@@ -90,9 +92,9 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
     q = subject.q[arm.q_index]
     if lacks_directions(chain):
         any_turn = FreeYawIK(chain, T_tip_object, ik)
-        return float(np.mean([bool(any_turn.placed(*each, _SEEDS, rng, q)) for each in placed]))
+        return float(np.mean([bool(any_turn.placed(*each, SEEDS, rng, q)) for each in placed]))
     tips = [(T * T_tip_object.inverse()).homogeneous for T, _ in placed]
-    seeds = ik.random_seeds(rng, (POSES, _SEEDS))
+    seeds = ik.random_seeds(rng, (POSES, SEEDS))
     seeds = np.concatenate([np.broadcast_to(q, (POSES, 1, arm.dof)), seeds], axis=1)
     return float((ik.solve_batch(np.array(tips), seeds)[1] > 0).mean())
 
@@ -124,19 +126,12 @@ def _check_upright(subject: Subject, arm: Arm, findings: Findings) -> None:
         )
 
 
-def _place_in(volume: TargetVolume, rng: np.random.Generator) -> Array:
-    """(3,) anywhere in V, in each of its boxes as often as it is large."""
+def _pose_in(volume: TargetVolume, rng: np.random.Generator) -> pin.SE3:
+    """Upright anywhere in V, in each of its boxes as often as it is large."""
     boxes = volume.joined
-    if len(boxes) == 1:
-        return rng.uniform(*boxes[0])
     sizes = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
-    return rng.uniform(*boxes[rng.choice(len(boxes), p=sizes / sizes.sum())])
-
-
-def _upright(rng: np.random.Generator) -> Array:
-    angle = rng.uniform(-math.pi, math.pi)
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    place = rng.uniform(*boxes[rng.choice(len(boxes), p=sizes / sizes.sum())])
+    return pin.SE3(pin.utils.rotate("z", rng.uniform(-math.pi, math.pi)), place)
 
 
 def check_planner(subject: Subject, findings: Findings) -> None:
@@ -147,10 +142,10 @@ def check_planner(subject: Subject, findings: Findings) -> None:
     findings.title("a planner, over a plane at the bottom of target_volume")
     began = time.process_time()
     try:
-        with stoppable(lambda: time.process_time() > began + _PATIENCE):
+        with stoppable(lambda: time.process_time() > began + PATIENCE_S):
             planner = _planner(subject, arms, subject.body)
     except StoppedError:
-        findings.say(f"a planner is not made within {_PATIENCE:g} s of processor time")
+        findings.say(f"a planner is not made within {PATIENCE_S:g} s of processor time")
         return
     except PlacementPlannerError as error:
         findings.say("no planner can be made, for what is wrong below")
@@ -162,21 +157,11 @@ def check_planner(subject: Subject, findings: Findings) -> None:
 
 
 def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPlanner:
-    parameters, volume = subject.parameters, subject.parameters.volume
-    frame = subject.robot.root_link
-    snapshot = Snapshot(
-        subject.robot,
-        arms,
-        subject.q,
-        body,
-        (plane_in(volume),),
-        parameters,
-        frame,
-        (None,),
-        (False,),
-    )
+    robot, parameters, volume = subject.robot, subject.parameters, subject.parameters.volume
+    plane = (PointSet(plane_in(volume)),)
+    snapshot = Snapshot(robot, arms, subject.q, body, plane, parameters, robot.root_link)
     environment = Surroundings.of(snapshot).environment()
-    problem = Problem(subject.robot, arms, subject.q, body, volume, environment)
+    problem = Problem(robot, arms, subject.q, body, volume, environment)
     objective = make_objective("maximize_clearance", ObjectiveContext(environment, volume, body))
     rng = np.random.default_rng(0)
     return PlacementPlanner(problem, objective, parameters.planner_settings, rng)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
+from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, fixed_links, require_links
@@ -26,12 +26,10 @@ from placement_planner_ros.ros.inputs.robot_input import (
     require_assumed,
 )
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.ros.run.start_checks import require_face, require_grasp, require_limits
+from placement_planner_ros.ros.run.start_checks import require_arms, require_face
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import Given, read_yaml
 
-_FINGER_JOINTS = 3
-"""Joints, one after the other, that a finger has at most."""
 MOST_CHAINS = 8
 """Chains that are proposed as arms."""
 
@@ -41,7 +39,7 @@ class Subject:
     """What is checked.
 
     Attributes:
-        given: the parameters.
+        parameters: all of them.
         robot: standing at q.
         q: (nq,) the start.
         assumed: whether nobody gave it.
@@ -50,17 +48,13 @@ class Subject:
         fixed: which links are furniture and which the robot's foot, in words.
     """
 
-    given: Given
+    parameters: ParameterSet
     robot: Robot
     q: Array
     assumed: bool
     arms: tuple[Arm, ...]
     body: Body | None
     fixed: str = ""
-
-    @property
-    def parameters(self) -> ParameterSet:
-        return self.given.parameters
 
 
 def read_subject(
@@ -74,16 +68,16 @@ def read_subject(
     """
     parameters = given.parameters
     files = Files.below(parameters["package_paths"], parameters["file_roots"])
-    body = _body(parameters, files, findings)
-    robot = _robot(parameters, files, findings)
+    body = findings.attempt(lambda: _body(parameters, files))
+    robot = findings.attempt(lambda: _robot(parameters, files, findings))
     if robot is None:
         return None
     q = _start(robot, joints, start, parameters, findings)
     standing = findings.attempt(lambda: robot.standing_at(q)) or robot
+    arms: tuple[Arm, ...] = ()
     if "arms" in given.names or not parameters["robot_description"]:
         arms = _arms(standing, parameters, findings)
     else:
-        arms = ()
         words = (
             "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame such as "
         )
@@ -92,44 +86,34 @@ def read_subject(
     findings.attempt(lambda: robot.require_plausible(q, used))
     findings.attempt(lambda: require_links(standing, parameters))
     ends = [arm.tip_frame for arm in arms]
-    ends += [f for f in parameters["sensor_frames"] if standing.model.existFrame(f)]
+    ends += [frame for frame in parameters["sensor_frames"] if standing.has_link(frame)]
     fixed = fixed_links(standing, ends, parameters[WORLD_LINKS])
     words = str(fixed) if fixed.furniture or fixed.foot else ""
-    return Subject(given, fixed.robot, q, joints is None and start is None, arms, body, words)
+    assumed = joints is None and start is None
+    return Subject(parameters, fixed.robot, q, assumed, arms, body, words)
 
 
-def _robot(parameters: ParameterSet, files: Files, findings: Findings) -> Robot | None:
-    made = findings.attempt(lambda: RobotInput(parameters, lambda *_: None, files))
-    if made is None:
-        return None
+def _robot(parameters: ParameterSet, files: Files, findings: Findings) -> Robot:
+    made = RobotInput(parameters, lambda *_: None, files)
     made.wait()
     try:
         return made.robot
     except UnplacedError:
+        frame = parameters["planning_frame"]
         findings.say(
-            f"planning_frame {parameters['planning_frame']} is no link of the robot, so tf2 must "
-            "know it when the node runs; checked here in the robot's root frame"
+            f"planning_frame {frame} is no link of the robot, so tf2 must know it when the node "
+            "runs; checked here in the robot's root frame"
         )
-        rooted = ParameterSet(
-            parameters.specs,
-            {name: parameters[name] for name in parameters.specs} | {"planning_frame": ""},
-        )
-        return _robot(rooted, files, findings)
-    except PlacementPlannerError as error:
-        findings.wrong(error)
-        return None
+        values = {name: parameters[name] for name in parameters.specs} | {"planning_frame": ""}
+        return _robot(ParameterSet(parameters.specs, values), files, findings)
 
 
-def _body(parameters: ParameterSet, files: Files, findings: Findings) -> Body | None:
+def _body(parameters: ParameterSet, files: Files) -> Body:
     made = ObjectInput(parameters, files)
     made.wait()
-
-    def read() -> Body:
-        body = made.body(parameters)
-        require_face(body)
-        return body
-
-    return findings.attempt(read)
+    body = made.body(parameters)
+    require_face(body)
+    return body
 
 
 def _start(
@@ -146,25 +130,22 @@ def _start(
     findings.attempt(lambda: require_assumed(robot, parameters))
     assumed = parameters.assumed_joints
     at = dict(zip(robot.joint_names, zero.tolist(), strict=True)) | assumed
-    if joints is None and start is None:
-        return robot.configuration({name: at[name] for name in free})
     where = "start" if joints is None else str(joints)
     tree = start if joints is None else findings.attempt(lambda: read_yaml(joints))
-    read = findings.attempt(lambda: positions_of(tree, where)) if tree is not None else None
-    positions = dict(read or {})
-    for name in [name for name in positions if name not in robot.joint_names]:
+    told = None if tree is None else findings.attempt(lambda: positions_of(tree, where))
+    positions = {name: value for name, value in (told or {}).items() if name in free}
+    for name in set(told or {}).difference(robot.joint_names):
         meant = did_you_mean(name, free)
         if meant is not None and meant not in positions:
             findings.wrong(f"{where}: {name} is no joint of the robot; the nearest is {meant}")
-        del positions[name]
     missing = [name for name in robot.needed_joints if name not in {*positions, *assumed}]
-    if joints is not None and read is not None and missing:
-        findings.wrong(f"{where}: these joints are missing, which joint_states must have, or "
-                       f"assumed_joints: {', '.join(missing)}")  # fmt: skip
+    if joints is not None and told is not None and missing:
+        words = "these joints are missing, which joint_states must have, or assumed_joints"
+        findings.wrong(f"{where}: {words}: {', '.join(missing)}")
     q = robot.configuration({name: positions.get(name, at[name]) for name in free})
-    for words in robot.limit_violations(q):
+    for words in robot.limit_violations(q) if positions else ():
         findings.say(f"{where}: {words}")
-    return robot.within_limits(q, parameters["start_limit_tolerance"])
+    return robot.within_limits(q, parameters["start_limit_tolerance"]) if positions else q
 
 
 def positions_of(tree: Any, where: str) -> dict[str, float]:
@@ -173,16 +154,13 @@ def positions_of(tree: Any, where: str) -> dict[str, float]:
     Raises:
         ParameterError: it is neither.
     """
-    if isinstance(tree, Mapping) and "name" in tree and "position" in tree:
-        names, values = tree["name"], tree["position"]
-        if isinstance(names, list) and isinstance(values, list) and len(names) == len(values):
-            tree = dict(zip(names, values, strict=True))
+    if isinstance(tree, Mapping) and {"name", "position"} <= set(tree):
+        tree = dict(zip(tree["name"], tree["position"], strict=False))
     if not isinstance(tree, Mapping) or not tree:
-        raise ParameterError(
-            where, tree, "give `joint: value` lines, or a joint state's name and position"
-        )
+        words = "give `joint: value` lines, or a joint state's name and position"
+        raise ParameterError(where, tree, words)
     for name, value in tree.items():
-        if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(float(value)):
+        if type(value) not in (int, float) or not isfinite(value):
             raise ParameterError(f"{where}: {name}", value, "give a finite number, rad or m")
     return {str(name): float(value) for name, value in tree.items()}
 
@@ -190,80 +168,41 @@ def positions_of(tree: Any, where: str) -> dict[str, float]:
 def _arms(robot: Robot, parameters: ParameterSet, findings: Findings) -> tuple[Arm, ...]:
     made: list[Arm] = []
     for name in parameters["arms"]:
-        if not parameters[f"{name}.tip_frame"]:
-            words = f"{name}.tip_frame is empty: name the link that grasps refer to, such as "
-            findings.wrong(words + _proposed(robot))
-            continue
-        unknown = list(_unknown(robot, parameters, name))
+        unknown = _unknown(robot, parameters, name)
         for fault in unknown:
             findings.wrong(fault)
-        arm = None if unknown else findings.attempt(lambda: make_arm(robot, parameters, name))  # noqa: B023
-        if arm is not None:
-            made.append(arm)
+        arm = None if unknown else findings.attempt(partial(make_arm, robot, parameters, name))
+        made += [] if arm is None else [arm]
     if len(made) == len(parameters["arms"]):
-        findings.attempt(lambda: require_grasp(made))
-        findings.attempt(lambda: require_limits(made, parameters.planner_settings.timing))
+        findings.attempt(partial(require_arms, made, parameters))
     return tuple(made)
 
 
-def _unknown(robot: Robot, parameters: ParameterSet, arm: str) -> list[str]:
+def _unknown(robot: Robot, parameters: ParameterSet, arm: str) -> list[ParameterError]:
     """Names of links and joints that the robot does not have, with the nearest that it has."""
-    links = [frame.name for frame in robot.model.frames if _is_link(robot, frame.name)]
+    links = [frame.name for frame in robot.model.frames if robot.has_link(frame.name)]
+    joints = list(robot.joint_names)
     faults = []
-    for part, known, kind in (
-        ("tip_frame", links, "link"),
-        ("touch_links", links, "link"),
-        ("joints", list(robot.joint_names), "movable joint"),
-        ("gripper_joints", list(robot.joint_names), "movable joint"),
-    ):
+    known = {"tip_frame": links, "touch_links": links, "joints": joints, "gripper_joints": joints}
+    for part, names in known.items():
         value = parameters[f"{arm}.{part}"]
         for name in [value] if isinstance(value, str) else value:
-            if name not in known:
-                meant = did_you_mean(name, known)
-                words = f"the nearest is {meant}" if meant else f"it has {', '.join(known[:40])}"
-                faults.append(f"{arm}.{part} = {name!r} is no {kind} of {robot.name!r}; {words}")
+            if name not in names:
+                meant = did_you_mean(name, names) or _proposed(robot)
+                words = f"the robot has none of that name; the nearest is {meant}"
+                faults.append(ParameterError(f"{arm}.{part}", name, words))
     return faults
-
-
-def _is_link(robot: Robot, name: str) -> bool:
-    return bool(robot.model.existFrame(name, pin.FrameType.BODY))
 
 
 def _proposed(robot: Robot) -> str:
     """Links at the ends of the robot's longest chains, in words; hands instead of their fingers."""
     chains: dict[tuple[str, ...], str] = {}
     for frame in robot.model.frames:
-        if _is_link(robot, frame.name):
+        if robot.has_link(frame.name):
             chains.setdefault(robot.joints_to(frame.name), frame.name)
-    longest = sorted(chains, key=lambda joints: -len(joints))
-    ends = [
-        chains[joints]
-        for joints in longest
-        if not any(other[: len(joints)] == joints and other != joints for other in longest)
-    ]
-    hands = list(dict.fromkeys(_hand_of(robot, link) for link in ends))
-    return ", ".join(
-        f"{link} ({len(robot.joints_to(link))} joints)" for link in hands[:MOST_CHAINS]
-    )
-
-
-def _hand_of(robot: Robot, link: str) -> str:
-    """The link from which fingers part, where this is one of them; else the link itself."""
-    model = robot.model
-    joint = model.frames[robot.frame_id(link)].parentJoint
-    for _ in range(_FINGER_JOINTS):
-        parent = model.parents[joint]
-        if parent == 0:
-            break
-        beside = [j for j in range(1, model.njoints) if model.parents[j] == parent]
-        if len(beside) > 1 and all(_depth(model, j) <= _FINGER_JOINTS for j in beside):
-            frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
-            return str(model.frames[frame.parentFrame].name)
-        joint = parent
-    return link
-
-
-def _depth(model: pin.Model, joint: int) -> int:
-    """Joints of the longest chain that begins with this one."""
-    after = [j for j in range(joint + 1, model.njoints) if model.parents[j] == joint]
-    return 1 + max((_depth(model, j) for j in after), default=0)
+    before = [joints[:-1] for joints in chains]
+    ends = [joints for joints in chains if joints not in before]
+    fingers = {joints[:-1] for joints in ends if sum(e[:-1] == joints[:-1] for e in ends) > 1}
+    tips = {joints[:-1] if joints[:-1] in fingers else joints: None for joints in ends}
+    longest = sorted((tip for tip in tips if tip in chains), key=len, reverse=True)
+    return ", ".join(f"{chains[tip]} ({len(tip)} joints)" for tip in longest[:MOST_CHAINS])
