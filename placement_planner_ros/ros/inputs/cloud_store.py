@@ -17,8 +17,6 @@ MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
 MAX_MERGED = 5_000_000
 """Points that accumulate at most."""
-OTHER_CLOCK_S = 86400.0
-"""Age from which on a cloud's stamp is likely of another clock."""
 
 _NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
 
@@ -65,10 +63,6 @@ class PointSet:
     time: float = 0.0
 
 
-OnCloud = Callable[[str, PointSet], None]
-"""Told the topic and the points of a cloud."""
-
-
 class CloudStore:
     """Clouds by topic. Safe to use from several threads; what it hands out is never modified.
 
@@ -87,12 +81,12 @@ class CloudStore:
         self._merged = _NOTHING
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
-        self._listener: OnCloud | None = None
+        self._listener: Callable[[], None] = lambda: None
         self.updates = 0
         self.changes = 0
 
-    def listen(self, listener: OnCloud) -> None:
-        """Call this for every cloud that is taken, in the thread that brings it."""
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call this whenever a cloud is taken, in the thread that brings it."""
         self._listener = listener
 
     def add(self, topic: str, cloud: StoredCloud) -> bool:
@@ -113,8 +107,7 @@ class CloudStore:
             known = self._refused.pop(topic, None)
             self.updates += 1
             self.changes += not same or known is not None
-        if self._listener is not None:
-            self._listener(topic, PointSet(cloud.points, cloud.origin))
+        self._listener()
         return True
 
     def merge(self, points: Array, cell_size: float) -> None:
@@ -224,9 +217,10 @@ class CloudStore:
         if missing and needed:
             faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
         if mode == "latest" and ages:
-            words = f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0"
-            if max(ages.values()) > OTHER_CLOCK_S:
-                words += "; or are they stamped by another clock than the joint states?"
+            words = (
+                f"older than cloud.max_age = {max_age:g} s; publish them again, stamped by the "
+                "clock of the joint states, or set it to 0"
+            )
             shown = {topic: f"{age:.1f} s" for topic, age in ages.items()}
             faults.append(CloudStaleError("clouds: ages", shown, words))
         if needed and not faults and not self.parts(mode):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_planner_ros.ros.inputs.joint_past import HISTORY, SPACING, JointPast, Sample
+from placement_planner_ros.ros.inputs.joint_past import HISTORY_S, SPACING_S, JointPast, Sample
 
 STAMPS = st.floats(-1e9, 1e10)
 POSITIONS = st.floats(-1e300, 1e300)
@@ -99,9 +99,9 @@ def test_whatever_is_published_is_answered(values, stamp):
 
 @pytest.mark.parametrize("rate", [100.0, 5000.0])
 def test_no_more_than_the_last_seconds_are_kept(rate):
-    made = past(lambda t: 0.0, np.arange(0.0, 2.0 * HISTORY, 1.0 / rate))
-    assert len(made._samples) <= HISTORY / SPACING + 2
-    assert made._samples[0].time >= HISTORY - 2.0 / rate
+    made = past(lambda t: 0.0, np.arange(0.0, 2.0 * HISTORY_S, 1.0 / rate))
+    assert len(made._samples) <= HISTORY_S / SPACING_S + 2
+    assert made._samples[0].time >= HISTORY_S - 2.0 / rate
     for _ in range(5000):
         made.add(Sample(5.0, 0.0))
-    assert len(made._samples) <= HISTORY / SPACING + 2
+    assert len(made._samples) <= HISTORY_S / SPACING_S + 2
