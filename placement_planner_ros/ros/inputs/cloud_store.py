@@ -7,18 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
+CUBE_BITS = 21
+"""Of a cube's number for each axis: 2.6 km in each direction of cubes of 2.5 mm, beyond which
+nothing accumulates."""
 MAX_MERGED = 5_000_000
 """Points that accumulate at most."""
-
-_NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
 
 
 class CloudStaleError(PlacementPlannerError):
@@ -63,6 +64,47 @@ class PointSet:
     time: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedPoints:
+    """Of each cube the first point that came, in the order in which they came.
+
+    Attributes:
+        points: (n, 3) metres.
+        edge: of the cubes, metres.
+        cubes: (n,) numbers of the cubes, ascending.
+    """
+
+    points: Array
+    edge: float
+    cubes: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, points: Array, edge: float) -> MergedPoints:
+        """Points (n, 3), thinned."""
+        return cls(np.empty((0, 3)), edge, np.empty(0, np.int64)).with_points(points, edge)
+
+    def with_points(self, points: Array, edge: float) -> MergedPoints:
+        """The same and the points (n, 3) that lie in further cubes; itself where none does."""
+        if edge != self.edge:
+            return MergedPoints.of(self.points, edge).with_points(points, edge)
+        limit = 1 << CUBE_BITS - 1
+        cells = np.floor(points / edge)
+        near = (np.abs(cells) < limit).all(axis=1)
+        x, y, z = cells[near].astype(np.int64).T + limit
+        coming, first = np.unique((x << 2 * CUBE_BITS) + (y << CUBE_BITS) + z, return_index=True)
+        new = ~np.isin(coming, self.cubes, assume_unique=True)
+        if not new.any():
+            return self
+        places = np.searchsorted(self.cubes, coming[new])
+        cubes = np.insert(self.cubes, places, coming[new])
+        further = points[near][np.sort(first[new])]
+        return MergedPoints(np.vstack([self.points, further]), edge, cubes)
+
+    def without(self, which: npt.NDArray[np.bool_]) -> MergedPoints:
+        """The same without some of the points (n,)."""
+        return MergedPoints.of(self.points[~which], self.edge) if which.any() else self
+
+
 class CloudStore:
     """Clouds by topic. Safe to use from several threads; what it hands out is never modified.
 
@@ -78,7 +120,7 @@ class CloudStore:
         self._required = tuple(required)
         self._lock = threading.Lock()
         self._latest: dict[str, StoredCloud] = {}
-        self._merged = _NOTHING
+        self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
         self._listener: Callable[[], None] = lambda: None
@@ -170,7 +212,7 @@ class CloudStore:
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
-            self._merged = _NOTHING
+            self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
             self._standing.clear()
             self.changes += 1
 
