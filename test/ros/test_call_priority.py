@@ -26,18 +26,6 @@ def waiting_for(calls):
     return went_on
 
 
-def test_work_goes_on_once_the_last_call_is_answered(monkeypatch):
-    monkeypatch.setattr(module, "LOOK_S", 60.0)
-    calls = CallPriority()
-    calls.give_way()
-    with calls.answering():
-        with calls.answering():
-            pass
-        went_on = waiting_for(calls)
-        assert not went_on.wait(0.05)
-    assert went_on.wait(30.0)
-
-
 def test_a_call_that_takes_long_holds_nothing_up(monkeypatch):
     monkeypatch.setattr(module, "LOOK_S", 0.01)
     calls = CallPriority()
