@@ -55,6 +55,7 @@ ORDER = [
 # The same of the node.
 ROS_ORDER = [
     "ros.qos",
+    "ros.patience",
     "ros.timers",
     "ros.call_priority",
     "ros.paced",
@@ -115,6 +116,7 @@ LOADED_BY_VIEW = {
     "core.meshes",
     "core.robot",
     "ros.qos",
+    "ros.patience",
     "ros.timers",
     "ros.paced",
     "ros.spinning",

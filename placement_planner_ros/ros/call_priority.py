@@ -6,8 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PATIENCE_S = 0.1
-"""That work waits at most each time, so that a call that takes long holds nothing up."""
+from placement_planner_ros.ros.patience import LOOK_S
 
 
 class CallPriority:
@@ -38,5 +37,5 @@ class CallPriority:
                     self._none.set()
 
     def give_way(self) -> None:
-        """Wait until none is, `PATIENCE_S` at most."""
-        self._none.wait(PATIENCE_S)
+        """Wait until none is, `LOOK_S` at most, so that a call that takes long holds nothing up."""
+        self._none.wait(LOOK_S)

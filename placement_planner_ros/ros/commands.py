@@ -14,11 +14,13 @@ from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, listed
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.wishes import checks as wish_checks
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
 from placement_planner_ros.ros.outputs.reporting import Reporter
-from placement_planner_ros.ros.parameters.checks import pose_or_nothing, poses_from_list
+from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.patience import STOP_PATIENCE_S
 from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
@@ -28,10 +30,6 @@ Given = ParamSpec("Given")
 
 STAND_IN = "the bundled YuMi, as no robot_description has come"
 """The robot in use where none was given."""
-FAR_M = 100.0
-"""From the robot; an object stands within it."""
-STOP_PATIENCE_S = 1.0
-"""That stop waits for the worker before it answers STOPPING."""
 
 
 def _when_idle(
@@ -242,8 +240,5 @@ def _measured_pose(value: object) -> pin.SE3:
     numbers = list(value) if isinstance(value, Sequence | array) else []
     if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
         raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
-    pose_or_nothing("pose", numbers)
-    pose = poses_from_list("pose", numbers)[0]
-    if abs(pose.translation).max() > FAR_M:
-        raise ParameterError("pose", value, f"is more than {FAR_M:g} m away; give metres")
-    return pose
+    wish_checks.pose("pose", numbers)
+    return poses_from_list("pose", numbers)[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections import deque
 from collections.abc import Callable
 from math import inf
 from typing import Protocol
@@ -16,10 +15,6 @@ PERIOD_S = 1.0
 """Between two lines of one kind, at least."""
 PAUSE_S = 60.0
 """Without a message of a kind after which the same words are news again."""
-LONGEST = 4000
-"""Characters of a line, tracebacks aside."""
-KNOWN_FAULTS = 32
-"""Faults, the newest ones, whose traceback is not said again."""
 
 
 class Logger(Protocol):
@@ -43,7 +38,7 @@ class Log:
         self._clock = clock
         self._lock = threading.Lock()
         self._kinds: dict[str, tuple[str, float, float]] = {}
-        self._faults: deque[object] = deque(maxlen=KNOWN_FAULTS)
+        self._faults: set[object] = set()
 
     def event(self, words: str) -> None:
         """Something that a person wants to know each time."""
@@ -82,10 +77,9 @@ class Log:
         where = tuple(_frames(error))
         with self._lock:
             known = where in self._faults
-            if not known:
-                self._faults.append(where)
+            self._faults.add(where)
         if known:
-            self.repeats(kind, f"as before: {type(error).__name__}: {error}")
+            self.repeats(kind, f"as before: {type(error).__name__}")
         else:
             trace = "".join(traceback.format_exception(error))
             self._logger.error(sayable(f"{kind}: {trace}"))
@@ -100,5 +94,4 @@ def _frames(error: BaseException) -> list[object]:
 
 
 def _on_one_line(words: str) -> str:
-    words = sayable("; ".join(words.split("\n")))
-    return words if len(words) <= LONGEST else f"{words[: LONGEST - 3]}..."
+    return sayable("; ".join(words.split("\n")))

@@ -24,7 +24,7 @@ from placement_planner_ros.core.warmup.compiling import (
 from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.commands import STOP_PATIENCE_S, Commands
+from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reception import Reception
@@ -35,26 +35,23 @@ from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.server import ParameterNode, ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
+from placement_planner_ros.ros.patience import LOOK_S, STOP_PATIENCE_S
 from placement_planner_ros.ros.process import begin_ros, leave_at_once, share_heaps
 from placement_planner_ros.ros.run.preparation import Preparation, Prepare, load_input_kernels
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
 from placement_planner_ros.ros.run.worker import State, Warmth
 from placement_planner_ros.ros.services import answer_always, serve
-from placement_planner_ros.ros.spinning import SIGNAL_PERIOD_S, PooledExecutor, spin_until
+from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
-THREADS = 6
 SWITCH_INTERVAL_S = 3e-5
 """After which a thread yields the interpreter to one that waits, as the search does after each
 kernel: by the 5 ms that Python waits otherwise it drew 23 % fewer samples a second."""
-COMPILING_SAID_S = 10.0
-"""Between lines of how far compiling is."""
-LOOK_S = 0.5
-"""Between looks at whether there are robot and arms to warm up with."""
-FIRST_INPUTS_S = 2.0
-"""For which preparing for the first inputs may hold back that it is said that all is warm."""
+FIRST_INPUTS_S = 0.5
+"""For which the first clouds and joint states are waited for before it is said that all is warm."""
 START_UP_PATIENCE_S = 5.0
-"""That the node waits for robot and object to be read before it offers its services."""
+"""That the node waits for robot and object to be read before it offers its services, and for what
+prepares for the first inputs before it says that all is warm."""
 
 
 class PlacementPlannerNode(ParameterNode):
@@ -192,16 +189,16 @@ class PlacementPlannerNode(ParameterNode):
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()
         warm_up(robot, arms, q)
-        first.join(FIRST_INPUTS_S)
+        first.join(START_UP_PATIENCE_S)
 
     def _prepare_first(self) -> None:
         """Prepare for the first inputs, so that a run told to start once all is warm finds it done.
 
         They are waited for, as clouds and joint states come a moment after the node does.
         """
-        latest = time.monotonic() + LOOK_S
+        latest = time.monotonic() + FIRST_INPUTS_S
         while not self._preparation.look():
-            if time.monotonic() > latest or self._closed.wait(SIGNAL_PERIOD_S):
+            if time.monotonic() > latest or self._closed.wait(LOOK_S):
                 return
 
     def _compile(self) -> None:
@@ -210,7 +207,7 @@ class PlacementPlannerNode(ParameterNode):
         def told(progress: CompilationProgress) -> None:
             self._warm.progress = str(progress)
             words = f"compiling, once for this machine: {progress}"
-            self.get_logger().info(words, throttle_duration_sec=COMPILING_SAID_S)
+            self.get_logger().info(words, throttle_duration_sec=10.0)
 
         try:
             with stoppable(self._closed.is_set):
@@ -228,16 +225,6 @@ class PlacementPlannerNode(ParameterNode):
         """A callback raised: that must be said, but need not end the node."""
         self._log.fault("a message or a request was dropped", error)
 
-    @property
-    def working(self) -> bool:
-        """Whether any thread of its own is still at work."""
-        return (
-            self._commands.busy
-            or self._preparation.busy
-            or any(reading.busy for reading in self._inputs.readings)
-            or self._reporter.busy
-        )
-
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
         self._closed.set()
@@ -252,7 +239,7 @@ def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
     """Until it is read, cannot be, or takes too long."""
     latest = time.monotonic() + START_UP_PATIENCE_S
     while given.state == "reading" and time.monotonic() < latest and not asked.is_set():
-        given.wait(SIGNAL_PERIOD_S)
+        given.wait(LOOK_S)
 
 
 def main(args: list[str] | None = None) -> None:
@@ -271,20 +258,18 @@ def main(args: list[str] | None = None) -> None:
         node = PlacementPlannerNode(asked=asked)
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
         sys.exit(f"placement_planner: {error}")
-    executor = PooledExecutor(THREADS, node.calls)
+    executor = PooledExecutor(6, node.calls)
     executor.add_node(node)
     warming = threading.Thread(target=node.warm_up, name="warm-up", daemon=True)
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    finished = executor.finish(STOP_PATIENCE_S)
+    executor.finish(STOP_PATIENCE_S)
     warming.join(STOP_PATIENCE_S)  # for the processes that compile to be ended, too
-    working = not finished or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
-    if working:
-        leave_at_once()
+    leave_at_once()
 
 
 if __name__ == "__main__":

@@ -20,9 +20,8 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 
 from placement_planner_ros.ros.call_priority import CallPriority
+from placement_planner_ros.ros.patience import LOOK_S
 
-SIGNAL_PERIOD_S = 0.1
-"""Within which a signal is noticed."""
 REST_S = 0.01
 """From handing out a callback until it is looked what else is ready. Each look takes rclpy
 the better part of a millisecond of the interpreter, which the search waits for, and without a rest
@@ -136,7 +135,7 @@ def spin_until(
     """
     while not asked.is_set():
         try:
-            executor.spin_once(timeout_sec=SIGNAL_PERIOD_S)
+            executor.spin_once(timeout_sec=LOOK_S)
         except Exception as error:
             # The node's outermost frame. rclpy's own services raise here at a request they cannot
             # read, and no client's mistake may end a run of another.

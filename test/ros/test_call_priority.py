@@ -26,20 +26,8 @@ def waiting_for(calls):
     return went_on
 
 
-def test_work_goes_on_once_the_last_call_is_answered(monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE_S", 60.0)
-    calls = CallPriority()
-    calls.give_way()
-    with calls.answering():
-        with calls.answering():
-            pass
-        went_on = waiting_for(calls)
-        assert not went_on.wait(0.05)
-    assert went_on.wait(30.0)
-
-
 def test_a_call_that_takes_long_holds_nothing_up(monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(module, "LOOK_S", 0.01)
     calls = CallPriority()
     with calls.answering():
         assert waiting_for(calls).wait(30.0)
@@ -47,7 +35,7 @@ def test_a_call_that_takes_long_holds_nothing_up(monkeypatch):
 
 @pytest.mark.usefixtures("ros")
 def test_a_service_is_being_answered_until_its_answer_has_left(monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE_S", 60.0)
+    monkeypatch.setattr(module, "LOOK_S", 60.0)
     calls, seen = CallPriority(), []
     node, caller = Node("answers"), Node("asks")
 
@@ -79,7 +67,7 @@ def test_a_service_is_being_answered_until_its_answer_has_left(monkeypatch):
 
 
 def test_clouds_give_way(bench, monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE_S", 60.0)
+    monkeypatch.setattr(module, "LOOK_S", 60.0)
     bench = bench()
     bench.feed()
     clouds, waits = bench.node._inputs.clouds, threading.Event()

@@ -287,7 +287,7 @@ def test_the_obstacle_set_covers_what_was_seen_and_no_more(bench):
     b = bench(sensor_frames=["eye"], **{"sensor_poses.eye": [0.0] * 6 + [1.0]})
     started(b, target_volume=[5.0, 5.0, 5.0, 9.0, 9.0, 9.0])
     stray = np.vstack([TABLE, [[50.0, 0.0, 0.0]]])
-    made = Surroundings.of(replace(b.snapshots[-1], clouds=(stray,))).environment()
+    made = Surroundings.of(seen(b.snapshots[-1], clouds=(stray,))).environment()
     assert np.prod(made.obstacles.shape) < 3 * (len(TABLE) / 4) * 6
     b.call("stop")
     updates = b.node._inputs.clouds.updates
@@ -343,7 +343,7 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
     b.feed()
     assert "no effect" in b.call("start").text
     b.wait(lambda: b.snapshots)
-    assert b.snapshots[0].origins == (None,)
+    assert b.snapshots[0].parts[0].origin is None
     assert b.call("stop").success
     pose = [0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0]
     assert b.node.set_parameters([Parameter("sensor_poses.eye", value=pose)])[0].successful
@@ -356,7 +356,7 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
     assert "no effect" not in said.text
     b.wait(lambda: len(b.snapshots) == 2)
     snapshot = b.snapshots[1]
-    assert snapshot.origins[0].tolist() == [0.0, 0.0, 0.8]
+    assert snapshot.parts[0].origin.tolist() == [0.0, 0.0, 0.8]
     careful = Surroundings.of(snapshot).environment()
     (note,) = environment_notes(snapshot, careful)
     assert 0.0 < careful.seen < 1.0
@@ -470,7 +470,7 @@ def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
 
 
 def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
-    monkeypatch.setattr(node_module, "_FIRST_INPUTS", 60.0)
+    monkeypatch.setattr(node_module, "FIRST_INPUTS_S", 60.0)
     b = bench(warm=False)
     warming = threading.Thread(target=b.node.warm_up)
     warming.start()
@@ -478,12 +478,12 @@ def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
     assert b.status().get("warm") == "false"
     b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=b.feed)
     b.wait(lambda: b.status().get("warm") == "true")
-    assert b.node._preparation._newest.made
+    assert b.node._preparation._newest.made.done()
 
 
 def test_what_takes_long_to_prepare_does_not_hold_up_that_all_is_warm(bench, monkeypatch):
     go_on = threading.Event()
-    monkeypatch.setattr(node_module, "_PREPARING", 0.01)
+    monkeypatch.setattr(node_module, "START_UP_PATIENCE_S", 0.01)
     b = bench(warm=False)
     monkeypatch.setattr(b.node._preparation, "look", lambda: go_on.wait(60.0))
     b.node.warm_up()

@@ -6,7 +6,7 @@ from sensor_msgs.msg import PointCloud2
 
 from placement_planner_ros.ros import paced
 from placement_planner_ros.ros.inputs import cloud_subscriptions as module
-from placement_planner_ros.ros.inputs.cloud_subscriptions import APART, CloudSubscriptions
+from placement_planner_ros.ros.inputs.cloud_subscriptions import APART_S, CloudSubscriptions
 
 TOPICS = ["front", "left", "right"]
 
@@ -41,9 +41,9 @@ def test_a_single_topic_waits_for_itself_only(clouds):
     take, now = clouds
     assert take("front")
     assert not take("front")
-    now[0] += 0.9 * APART
+    now[0] += 0.9 * APART_S
     assert not take("front")
-    now[0] += 0.2 * APART
+    now[0] += 0.2 * APART_S
     assert take("front")
 
 
@@ -51,7 +51,7 @@ def test_each_of_several_topics_has_its_turn(clouds):
     take, now = clouds
     taken = dict.fromkeys(TOPICS, 0)
     for _ in range(100):  # each has a new one whenever somebody looks, and the first is asked first
-        now[0] += APART / 5.0
+        now[0] += APART_S / 5.0
         for topic in TOPICS:
             if take(topic):
                 taken[topic] += 1
@@ -60,14 +60,14 @@ def test_each_of_several_topics_has_its_turn(clouds):
     assert min(taken.values()) >= 5
 
 
-@pytest.mark.parametrize("seconds", [0.5 * APART, 1.6 * APART, 4.0 * APART, 60.0 * APART])
+@pytest.mark.parametrize("seconds", [0.5 * APART_S, 1.6 * APART_S, 4.0 * APART_S, 60.0 * APART_S])
 def test_each_has_its_turn_however_long_a_cloud_takes(clouds, seconds):
     take, now = clouds
     taken = dict.fromkeys(TOPICS, 0)
     for _ in range(60):
         topic = next((each for each in TOPICS if take(each, seconds)), None)
         if topic is None:
-            now[0] += APART / 50.0
+            now[0] += APART_S / 50.0
         else:
             taken[topic] += 1
     assert min(taken.values()) >= 1
@@ -77,9 +77,9 @@ def test_each_has_its_turn_however_long_a_cloud_takes(clouds, seconds):
 def test_a_topic_that_is_silent_does_not_slow_the_others(clouds):
     take, now = clouds
     assert all(take(topic) for topic in TOPICS)
-    now[0] += 2.0 * APART
+    now[0] += 2.0 * APART_S
     assert not any(take(topic) for topic in TOPICS)
     now[0] += 1.0
     assert take("front")
-    now[0] += 1.1 * APART
+    now[0] += 1.1 * APART_S
     assert take("front")

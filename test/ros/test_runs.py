@@ -102,7 +102,7 @@ def test_what_cannot_be_confirmed_is_named(bench):
         {"solution": None},
         {"run": True},
         {"pose": [0.0] * 6},
-        {"pose": [500.0, 0.0, 300.0, 0.0, 0.0, 0.0, 1.0]},
+        {"pose": [5000.0, 0.0, 300.0, 0.0, 0.0, 0.0, 1.0]},
         {"pose": [float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]},
         {"poses": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]},
     ):

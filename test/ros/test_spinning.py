@@ -1,10 +1,7 @@
 """An executor whose end can be waited for."""
 
-import contextlib
-import itertools
 import threading
 import time
-from types import SimpleNamespace
 
 import pytest
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -112,19 +109,6 @@ def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     for who in "ab":
         assert [each for each in waited_for if each[0] == who] == [f"{who}{n}" for n in range(5)]
     assert 0 < len(looks) <= (looks[-1] - began) / REST_S + 2
-
-
-def test_who_sends_without_a_rest_is_not_listened_to_for_ever():
-    class Flooded(contextlib.nullcontext):
-        """Of a subscription for which there is always another message."""
-
-        def take_message(self, *_):
-            return next(taken), None
-
-    taken = itertools.count()
-    told = SimpleNamespace(handle=Flooded(), msg_type=String)
-    assert list(waiting(told, 10)) == list(range(10))
-    assert next(taken) == 10
 
 
 def test_all_that_is_ready_is_handed_out_once_and_what_it_raises_is_told(node):

@@ -28,8 +28,20 @@ def placed(bench, retreats=False, **parameters):
     b.wait(lambda: b.manifests()[-1]["solution"] == "1")
     b.call("stop")
     b.wait(lambda: b.status()["state"] == "stopped")
-    b.wait(lambda: b.node._reporter._watch._way is not None)
+    b.wait(lambda: b.node._reporter._watch._looked_at is not None)
     return b
+
+
+def looked_at(b):
+    """Wait until the newest cloud is held against the placement."""
+    watching = b.node._reporter._watch
+
+    def is_done():
+        newer = watching._to_look_at(watching._snapshot)
+        seen = {topic: cloud.points for topic, (cloud, _) in watching._seen.items()}
+        return all(cloud.points is seen.get(topic) for topic, cloud in newer.items())
+
+    b.wait(is_done)
 
 
 def why_not(b):
@@ -137,12 +149,14 @@ def test_ordinary_clouds_change_nothing(resting):
     for points in (noise, shifted, TABLE[:0], np.vstack([TABLE, robot, held, pixel])):
         message = message_from_points(points, Header(frame_id=FRAME))
         b.node._inputs.take_cloud("points", message, b.node._settings.current)
+        looked_at(b)
         assert why_not(b) == ""
 
 
 def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(resting):
     b = resting
-    way, grasp = b.node._reporter._watch._way, b.snapshots[-1].arms[0].grasps[0]
+    w, grasp = b.node._reporter._watch, b.snapshots[-1].arms[0].grasps[0]
+    way = watch.way_of(w._snapshot, w._environment, w._wanted)
     around = 0.012 * (np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T)
     within = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
     comes_to = (place_of(b, at=1.0, offset=grasp.act(p)) for p in within)

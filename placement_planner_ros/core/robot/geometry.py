@@ -4,7 +4,6 @@ polytopes, all other meshes as their triangles with a convex cover beside them."
 from __future__ import annotations
 
 import functools
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -158,11 +157,6 @@ class ShapesError(RobotError):
 def _listed(words: Sequence[str], separator: str) -> str:
     more = [f"and {len(words) - _TOLD} more"] if len(words) > _TOLD else []
     return separator.join([*words[:_TOLD], *more])
-
-
-def package_names(urdf_text: str) -> tuple[str, ...]:
-    """Packages that `package://` URIs in a URDF refer to, sorted."""
-    return tuple(sorted(set(re.findall(r"package://([^/\"'<>\s]+)", urdf_text))))
 
 
 def build_geometry(

@@ -7,20 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
+CUBE_BITS = 21
+"""Of a cube's number for each axis: 2.6 km in each direction of cubes of 2.5 mm, beyond which
+nothing accumulates."""
 MAX_MERGED = 5_000_000
 """Points that accumulate at most."""
-OTHER_CLOCK_S = 86400.0
-"""Age from which on a cloud's stamp is likely of another clock."""
-
-_NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
 
 
 class CloudStaleError(PlacementPlannerError):
@@ -65,8 +64,45 @@ class PointSet:
     time: float = 0.0
 
 
-OnCloud = Callable[[str, PointSet], None]
-"""Told the topic and the points of a cloud."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedPoints:
+    """Of each cube the first point that came, in the order in which they came.
+
+    Attributes:
+        points: (n, 3) metres.
+        edge: of the cubes, metres.
+        cubes: (n,) numbers of the cubes, ascending.
+    """
+
+    points: Array
+    edge: float
+    cubes: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, points: Array, edge: float) -> MergedPoints:
+        """Points (n, 3), thinned."""
+        return cls(np.empty((0, 3)), edge, np.empty(0, np.int64)).with_points(points, edge)
+
+    def with_points(self, points: Array, edge: float) -> MergedPoints:
+        """The same and the points (n, 3) that lie in further cubes; itself where none does."""
+        if edge != self.edge:
+            return MergedPoints.of(self.points, edge).with_points(points, edge)
+        limit = 1 << CUBE_BITS - 1
+        cells = np.floor(points / edge)
+        near = (np.abs(cells) < limit).all(axis=1)
+        x, y, z = cells[near].astype(np.int64).T + limit
+        coming, first = np.unique((x << 2 * CUBE_BITS) + (y << CUBE_BITS) + z, return_index=True)
+        new = ~np.isin(coming, self.cubes, assume_unique=True)
+        if not new.any():
+            return self
+        places = np.searchsorted(self.cubes, coming[new])
+        cubes = np.insert(self.cubes, places, coming[new])
+        further = points[near][np.sort(first[new])]
+        return MergedPoints(np.vstack([self.points, further]), edge, cubes)
+
+    def without(self, which: npt.NDArray[np.bool_]) -> MergedPoints:
+        """The same without some of the points (n,)."""
+        return MergedPoints.of(self.points[~which], self.edge) if which.any() else self
 
 
 class CloudStore:
@@ -84,15 +120,15 @@ class CloudStore:
         self._required = tuple(required)
         self._lock = threading.Lock()
         self._latest: dict[str, StoredCloud] = {}
-        self._merged = _NOTHING
+        self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
-        self._listener: OnCloud | None = None
+        self._listener: Callable[[], None] = lambda: None
         self.updates = 0
         self.changes = 0
 
-    def listen(self, listener: OnCloud) -> None:
-        """Call this for every cloud that is taken, in the thread that brings it."""
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call this whenever a cloud is taken, in the thread that brings it."""
         self._listener = listener
 
     def add(self, topic: str, cloud: StoredCloud) -> bool:
@@ -113,8 +149,7 @@ class CloudStore:
             known = self._refused.pop(topic, None)
             self.updates += 1
             self.changes += not same or known is not None
-        if self._listener is not None:
-            self._listener(topic, PointSet(cloud.points, cloud.origin))
+        self._listener()
         return True
 
     def merge(self, points: Array, cell_size: float) -> None:
@@ -177,7 +212,7 @@ class CloudStore:
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
-            self._merged = _NOTHING
+            self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
             self._standing.clear()
             self.changes += 1
 
@@ -224,9 +259,10 @@ class CloudStore:
         if missing and needed:
             faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
         if mode == "latest" and ages:
-            words = f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0"
-            if max(ages.values()) > OTHER_CLOCK_S:
-                words += "; or are they stamped by another clock than the joint states?"
+            words = (
+                f"older than cloud.max_age = {max_age:g} s; publish them again, stamped by the "
+                "clock of the joint states, or set it to 0"
+            )
             shown = {topic: f"{age:.1f} s" for topic, age in ages.items()}
             faults.append(CloudStaleError("clouds: ages", shown, words))
         if needed and not faults and not self.parts(mode):

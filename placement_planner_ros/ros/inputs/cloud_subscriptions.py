@@ -19,14 +19,12 @@ from sensor_msgs.msg import PointCloud2
 from placement_planner_ros.ros.paced import Paced
 from placement_planner_ros.ros.timers import every
 
-PERIOD = 0.5
-"""Seconds between looks at what the publishers offer."""
-
-APART = 0.05
-"""Seconds between clouds, on average over the topics, at least: each takes the processor and the
+APART_S = 0.05
+"""Between clouds, on average over the topics, at least: each takes the processor and the
 interpreter from the search, which three at 10 Hz slowed by a fourth."""
-_LATE = 1.0
-"""Seconds without a cloud from which on a topic does not count."""
+LATE_S = 1.0
+"""Without a cloud, from which on a topic does not count; half of it between looks at what the
+publishers offer."""
 
 OnCloud = Callable[[str, PointCloud2], None]
 
@@ -35,7 +33,7 @@ class CloudSubscriptions:
     """Subscribes to each topic and calls `on_cloud(topic, message)`.
 
     Args:
-        group: of the subscriptions; without it, one of their own, in which clouds are `APART`.
+        group: of the subscriptions; without it, one of their own, in which clouds are `APART_S`.
     """
 
     def __init__(
@@ -52,7 +50,7 @@ class CloudSubscriptions:
         self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
         for topic in topics:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)
-        every(node, PERIOD, self.follow)
+        every(node, LATE_S / 2, self.follow)
 
     def reliability(self, topic: str) -> ReliabilityPolicy:
         """What the subscription to that topic asks for now."""
@@ -76,8 +74,8 @@ class CloudSubscriptions:
 
     def _period(self) -> float:
         """Seconds between two clouds of one topic."""
-        late = time.monotonic() - _LATE
-        return APART * sum(heard > late for heard in list(self._heard.values()))
+        late = time.monotonic() - LATE_S
+        return APART_S * sum(heard > late for heard in list(self._heard.values()))
 
     def _subscribe(self, topic: str, reliability: ReliabilityPolicy) -> None:
         def received(message: PointCloud2) -> None:

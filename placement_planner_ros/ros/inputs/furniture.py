@@ -24,12 +24,12 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 WORLD_LINKS = "world_links"
 """The parameter that names furniture."""
 
-_SAMPLES = 20
+SAMPLES = 20
 """Configurations at which a moving link must be beside a fixed one."""
-_DEEP = 0.001
-"""m that fixed links are in each other where one is the other's foot, and does not stand on it."""
-_BESIDE = 0.005
-"""m between a moving link and a fixed one that is no furniture if they are never farther apart: an
+DEEP_M = 0.001
+"""That fixed links are in each other where one is the other's foot, and does not stand on it."""
+BESIDE_M = 0.005
+"""Between a moving link and a fixed one that is no furniture if they are never farther apart: an
 arm could not begin to move beside that."""
 
 
@@ -123,13 +123,13 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
     for link in others:
         near = rows(np.isin(links, list(carrying)), link)
         if any(
-            overlaps.depth(i, j, placements[i], placements[j], beyond=_DEEP) > 0.0 for i, j in near
+            overlaps.depth(i, j, placements[i], placements[j], beyond=DEEP_M) > 0.0 for i, j in near
         ):
             foot.add(link)
     # what moves must touch it at every sample; most do not at the first
     moving = [shape.parentJoint != 0 for shape in robot.geometry.geometryObjects]
     touched = {link: set(links[moving].tolist()) for link in others if link not in foot}
-    for _ in range(_SAMPLES):
+    for _ in range(SAMPLES):
         q = robot.with_positions(np.zeros(model.nq), _drawn(robot, rng))
         placements = robot.geometry_poses(q)
         for link, by in touched.items():
@@ -137,7 +137,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
             touched[link] = {
                 str(links[i])
                 for i, j in near
-                if overlaps.meet(i, j, placements[i], placements[j], _BESIDE)
+                if overlaps.meet(i, j, placements[i], placements[j], BESIDE_M)
             }
     return frozenset(foot.union(link for link, by in touched.items() if by))
 
@@ -154,12 +154,10 @@ def _without(robot: Robot, links: Collection[str]) -> Robot:
     if not links:
         return robot
     rows = [i for i, link in enumerate(robot.geometry_links) if link not in links]
-    numbers, geometry = {row: k for k, row in enumerate(rows)}, pin.GeometryModel()
-    for row in rows:
-        geometry.addGeometryObject(robot.geometry.geometryObjects[row])
-    for pair in robot.geometry.collisionPairs:
-        if pair.first in numbers and pair.second in numbers:
-            geometry.addCollisionPair(pin.CollisionPair(numbers[pair.first], numbers[pair.second]))
+    geometry = robot.geometry.copy()
+    for shape, link in zip(robot.geometry.geometryObjects, robot.geometry_links, strict=True):
+        if link in links:
+            geometry.removeGeometryObject(shape.name)
     return replace(
         robot,
         geometry=geometry,

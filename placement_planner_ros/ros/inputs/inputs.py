@@ -44,9 +44,6 @@ from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
-MAX_NAMES = 10_000
-"""Names that a joint state may have."""
-
 
 class _Received(NamedTuple):
     """A cloud that came, taken at a time by the steady clock; arrivals grow."""
@@ -99,9 +96,6 @@ class Inputs:
             JointStateError: it is malformed; joints of which it tells a position are taken.
         """
         names, position = message.name, message.position
-        if len(names) > MAX_NAMES:
-            words = f"a message may have {MAX_NAMES}"
-            raise JointStateError("joint_states", f"{len(names)} names", words)
         stamp = _seconds(message.header.stamp)
         if stamp is not None and stamp < 0.0:
             raise JointStateError("joint_states: header.stamp", stamp, "must not be negative")

@@ -5,23 +5,16 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from typing import NamedTuple
 
-HISTORY = 3.0
-"""Seconds of stamps over which a joint's values are kept."""
-
-SPACING = 0.005
-"""Seconds between values that are kept, at least; of those closer together the newest is."""
-
-GAP = 0.5
-"""Seconds between two values beyond which nobody knows what lay between them."""
-
+HISTORY_S = 3.0
+"""Of stamps over which a joint's values are kept."""
+SPACING_S = 0.005
+"""Between values that are kept, at least; of those closer together the newest is."""
+WINDOW_S = 0.3
+"""Over which a speed is measured; nobody knows what lay between two values farther apart."""
+SHORTEST_S = 0.05
+"""For which a shorter window counts, as encoders are noisy."""
 REST_SPREAD = 0.005
 """rad or m by which a joint that is at rest changes at most."""
-
-WINDOW = 0.3
-"""Seconds over which a speed is measured."""
-SHORTEST = 0.05
-"""Seconds for which a shorter window counts, as encoders are noisy."""
-_MOST = round(HISTORY / SPACING) + 2
 
 
 class Sample(NamedTuple):
@@ -32,7 +25,7 @@ class Sample(NamedTuple):
 
 
 class JointPast:
-    """The values of one joint, at most `HISTORY` / `SPACING` of them and two more.
+    """The values of one joint, at most `HISTORY_S` / `SPACING_S` of them and two more.
 
     Stamps are seconds of whatever clock the publisher and the clouds go by.
     """
@@ -58,14 +51,14 @@ class JointPast:
         self._note_rest(sample)
         if samples and sample.time < samples[-1].time:
             insort(samples, sample, key=_time)
-        elif len(samples) > 1 and sample.time - samples[-2].time < SPACING:
+        elif len(samples) > 1 and sample.time - samples[-2].time < SPACING_S:
             samples[-1] = sample
         else:
             samples.append(sample)
-        oldest = samples[-1].time - HISTORY
-        if samples[0].time < oldest or len(samples) > _MOST:
-            kept = max(bisect_left(samples, oldest, key=_time), len(samples) - _MOST)
-            del samples[:kept]
+        oldest = samples[-1].time - HISTORY_S
+        most = round(HISTORY_S / SPACING_S) + 2  # of those out of order, too
+        if samples[0].time < oldest or len(samples) > most:
+            del samples[: max(bisect_left(samples, oldest, key=_time), len(samples) - most)]
 
     def forget(self) -> None:
         """Begin anew: the clock that stamps the values was set back."""
@@ -89,7 +82,7 @@ class JointPast:
         if stamp is None or not samples[0].time <= stamp <= self.newest:
             return None if self.moves(self.newest, rest_speed) else samples[-1].position
         before, after = self._around(stamp)
-        far = after.time - before.time > GAP
+        far = after.time - before.time > WINDOW_S
         if far and abs(after.position - before.position) > REST_SPREAD:
             return None
         return _between(before, after, stamp)
@@ -102,14 +95,14 @@ class JointPast:
             return False
         if stamp < samples[0].time and not self._rested_since(stamp):
             return True
-        end = min(max(stamp + WINDOW / 2, samples[0].time), self.newest)
-        begin = max(end - WINDOW, samples[0].time)
+        end = min(max(stamp + WINDOW_S / 2, samples[0].time), self.newest)
+        begin = max(end - WINDOW_S, samples[0].time)
         inside = slice(
             bisect_right(samples, begin, key=_time), bisect_left(samples, end, key=_time)
         )
         positions = [_between(*self._around(time), time) for time in (begin, end)]
         positions += [sample.position for sample in samples[inside]]
-        farthest = rest_speed * max(end - begin, SHORTEST) * (1.0 + 1e-6)
+        farthest = rest_speed * max(end - begin, SHORTEST_S) * (1.0 + 1e-6)
         return max(positions) - min(positions) > farthest
 
     def _note_rest(self, sample: Sample) -> None:

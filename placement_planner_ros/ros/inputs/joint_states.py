@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from math import isfinite
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.joint_past import HISTORY, WINDOW, JointPast, Sample
+from placement_planner_ros.ros.inputs.joint_past import HISTORY_S, WINDOW_S, JointPast, Sample
 
 PUBLISH = "publish these joints too, or set assumed_joints"
 """What to do about joints that nobody publishes."""
@@ -32,7 +33,7 @@ class JointStates:
 
     How old a value is and whether the robot is at rest is told by a steady clock, passed in as
     `now`, whatever clocks the stamps are of. A value whose stamp is older than that of one before
-    it is the newest only where nothing newer came within `joint_past.WINDOW`: then that clock
+    it is the newest only where nothing newer came within `joint_past.WINDOW_S`: then that clock
     was set back.
 
     The past of a joint without end stops is kept in turns that go on from each other, whatever
@@ -67,8 +68,7 @@ class JointStates:
         with self._lock:
             if bad is not None:
                 self._refused = now, str(bad)
-            for i in taken:
-                name, position = names[i], positions[i]
+            for name, position in taken.items():
                 turned = self._going_on(name, position)
                 sample = Sample(now if stamp is None else stamp, turned)
                 if self._is_newest(name, sample, now):
@@ -130,7 +130,7 @@ class JointStates:
             raise RobotMovingError(
                 "joint_states: where the joints were",
                 unknown,
-                f"is not known {when}, and they moved; what is known are the last {HISTORY:g} s of "
+                f"is not known {when}, and they moved; known are the last {HISTORY_S:g} s of "
                 "stamps: stamp clouds and joint states by the same clock, or keep the robot still",
             )
         known = {name: value for name, value in values.items() if value is not None}
@@ -215,7 +215,7 @@ class JointStates:
         if past is None:
             past = self._past[name] = JointPast()
         late = sample.time < past.newest
-        if late and now - self._heard[name].newest >= WINDOW:
+        if late and now - self._heard[name].newest >= WINDOW_S:
             late = False
             past.forget()
         past.add(sample)
@@ -242,24 +242,16 @@ class JointStates:
 
 def _positions(
     names: Sequence[str], positions: Sequence[float]
-) -> tuple[list[int], JointStateError | None]:
+) -> tuple[dict[str, float], JointStateError | None]:
     """Which values of one message can be taken, and what is wrong with the others."""
     if len(positions) != len(names):
-        return [], JointStateError(
-            "joint_states",
-            f"{len(names)} names, {len(positions)} positions",
-            "publish one position per name",
-        )
-    first: dict[str, float] = {}
-    told = list(enumerate(zip(names, positions, strict=True)))
-    unknown = {name for _, (name, position) in told if not math.isfinite(position)}
-    twice = {name for _, (name, p) in told if first.setdefault(name, p) != p} - unknown
-    taken = [i for i, (name, _) in told if name not in unknown and name not in twice]
-    if unknown:
-        words = "publish finite positions; the other joints' were taken"
-        return taken, JointStateError("joint_states: not finite", sorted(unknown), words)
-    if twice:
-        words = "name each joint once; the other joints' positions were taken"
-        field = "joint_states: named twice, with different positions"
-        return taken, JointStateError(field, sorted(twice), words)
-    return taken, None
+        words = f"{len(names)} names, {len(positions)} positions"
+        return {}, JointStateError("joint_states", words, "publish one position per name")
+    taken = dict(zip(names, positions, strict=True))
+    bad = {n for n, p in zip(names, positions, strict=True) if not isfinite(p) or taken[n] != p}
+    if not bad:
+        return taken, None
+    field = "joint_states: not finite, or named twice with different positions"
+    words = "publish one finite position per joint; the other joints' were taken"
+    error = JointStateError(field, sorted(bad), words)
+    return {name: p for name, p in taken.items() if name not in bad}, error

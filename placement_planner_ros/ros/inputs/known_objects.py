@@ -17,16 +17,14 @@ from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.inputs.resources import Files
+from placement_planner_ros.ros.parameters.checks import pose_or_nothing, poses_from_list
 
 TOPIC = "~/known_objects"
-MOST_THINGS = 1000
-"""That may be known at a time."""
 ROUND_M = 0.0002
 """By which the facets of what is round lie within it at most."""
-FAR_M = 1e4
-"""From its frame; a thing lies within it."""
 
 Name = tuple[str, int]
 """Namespace and id."""
@@ -105,8 +103,6 @@ class KnownObjects:
                 things.pop(name, None)
             elif marker.action == Marker.DELETEALL:
                 things = {n: thing for n, thing in things.items() if marker.ns not in ("", n[0])}
-            elif name not in things and len(things) >= MOST_THINGS:
-                faults.append(KnownObjectError(TOPIC, f"{MOST_THINGS} things", "delete some"))
             else:
                 made = things[name] = self._thing(marker, f"{TOPIC}: {marker.ns}/{marker.id}")
                 faults += [] if made.fault is None else [made.fault]
@@ -151,28 +147,22 @@ class KnownObjects:
     def _thing(self, marker: Marker, field: str) -> _Thing:
         """A marker as a thing; with what is wrong with it where it is none."""
         p, r, s = marker.pose.position, marker.pose.orientation, marker.scale
-        numbers = np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
-        T, scale = pin.SE3.Identity(), np.array([s.x, s.y, s.z])
-        corners, file, fault = np.zeros((0, 3, 3)), None, None
+        pose, scale = [p.x, p.y, p.z, r.x, r.y, r.z, r.w], np.array([s.x, s.y, s.z])
+        thing = _Thing(marker.header.frame_id, pin.SE3.Identity(), np.zeros((0, 3, 3)), None, scale)
         try:
-            if not abs(np.linalg.norm(numbers[3:]) - 1.0) < 1e-2:
-                raise KnownObjectError(
-                    f"{field}: orientation", numbers[3:].tolist(), "give length 1"
-                )
-            if not (np.abs(numbers[:3]) <= FAR_M).all():
-                raise KnownObjectError(f"{field}: position", numbers[:3].tolist(), "give metres")
-            rotation = pin.Quaternion(numbers[3:] / np.linalg.norm(numbers[3:]))
-            T = pin.SE3(rotation.toRotationMatrix(), numbers[:3])
+            if not (np.abs(pose) <= FAR_M).all():
+                raise KnownObjectError(f"{field}: pose", pose, "give metres")
+            pose_or_nothing(f"{field}: pose", pose)
+            thing = replace(thing, T_frame_thing=poses_from_list(field, pose)[0])
             if not ((scale > 0.0) & (scale <= FAR_M)).all():
                 raise KnownObjectError(f"{field}: scale", scale.tolist(), "give metres above zero")
             if marker.type == Marker.MESH_RESOURCE:
                 file = self._file(marker.mesh_resource, f"{field}: mesh_resource")
-            else:
-                corners = _triangles(marker, scale, field)
+                return replace(thing, file=file)
+            return replace(thing, corners=_triangles(marker, scale, field))
         except PlacementPlannerError as error:
             forget_where(error)
-            fault = error
-        return _Thing(marker.header.frame_id, T, corners, file, scale, fault)
+            return replace(thing, fault=error)
 
     def _file(self, uri: str, field: str) -> Hashable:
         """Begin to read a mesh file, its header found in order; by what it is kept."""
@@ -217,11 +207,8 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
                 f"{field}: points", f"{len(points)} points", "give three for each triangle, m"
             )
         return points.reshape(-1, 3, 3)
-    raise KnownObjectError(
-        f"{field}: type",
-        marker.type,
-        "give CUBE, SPHERE, CYLINDER, TRIANGLE_LIST or MESH_RESOURCE",
-    )
+    words = "give CUBE, SPHERE, CYLINDER, TRIANGLE_LIST or MESH_RESOURCE"
+    raise KnownObjectError(f"{field}: type", marker.type, words)
 
 
 def _sections(radius: float) -> int:

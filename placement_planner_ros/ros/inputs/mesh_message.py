@@ -17,11 +17,8 @@ from placement_planner_ros.core.types import Array
 
 Triangles = npt.NDArray[np.int64]
 
-_HEADER = 4
-"""Bytes that say how the others are written."""
-
 _ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
-"""Plain CDR, in which numbers lie on multiples of their size from the header on."""
+"""Plain CDR by its first bytes; after four, numbers lie on multiples of their size."""
 
 
 def mesh_from_message(data: bytes) -> tuple[Array, Triangles]:
@@ -33,7 +30,7 @@ def mesh_from_message(data: bytes) -> tuple[Array, Triangles]:
     """
     order = _ORDERS.get(data[:2])
     try:
-        vertices, triangles = _written(data) if order is None else _plain(data[_HEADER:], order)
+        vertices, triangles = _written(data) if order is None else _plain(data[4:], order)
     except ValueError as error:  # numpy's, of what lies beyond the end
         remedy = "end before the mesh does; publish a shape_msgs/Mesh"
         raise ObjectError("~/object", f"{len(data)} bytes", remedy) from error

@@ -27,6 +27,7 @@ from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import mesh_of
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.patience import LOOK_S
 
 Read = tuple[Array, Triangles, bytes]
 """Vertices (n, 3), triangles (t, 3), and the `content_digest` of what the file held then."""
@@ -37,8 +38,6 @@ MAX_TIME_S = 60.0
 """That reading a mesh may take; of processor time, what covering one may."""
 MAX_WAIT_S = 240.0
 """To wait for a cover, since a busy machine gives its process less than a core."""
-LOOK_S = 0.05
-"""Between looks at whether to go on."""
 
 
 class MeshProcessStoppedError(Exception):

@@ -9,6 +9,7 @@ from typing import Generic, Literal, TypeVar
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
 from placement_planner_ros.ros.log import Log
+from placement_planner_ros.ros.patience import CLOSING_S
 from placement_planner_ros.ros.process import give_memory_back
 
 Made = TypeVar("Made")
@@ -22,8 +23,6 @@ after it is told to stop."""
 
 KEPT = 4
 """Contents that are known at a time besides lasting ones: those of single calls."""
-CLOSING_S = 0.5
-"""That closing waits at most."""
 
 
 class NotReadyError(PlacementPlannerError):

@@ -28,8 +28,6 @@ from placement_planner_ros.ros.spinning import waiting
 
 KEPT_STATES = 10
 """Joint states that the middleware keeps until they are looked at."""
-KEPT_MARKERS = 100
-"""Messages of known objects that it keeps, of which each may tell of others."""
 
 
 class Reception:
@@ -77,7 +75,9 @@ class Reception:
         if robot.follows_semantic_topic:
             subscribe(String, "robot_description_semantic", self._take_semantic, LATCHED)
         subscribe(Mesh, "~/object", self._take_object, LATCHED, raw=True)
-        subscribe(MarkerArray, "~/known_objects", self._take_known, latched(KEPT_MARKERS))
+        subscribe(
+            MarkerArray, "~/known_objects", self._take_known, latched(100)
+        )  # each may tell of others
 
     def _take_known(self, message: MarkerArray) -> None:
         for fault in self._inputs.known.take(message):

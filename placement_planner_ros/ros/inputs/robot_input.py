@@ -47,8 +47,6 @@ class FramePose(Protocol):
         ...
 
 
-STILL = 1e-5
-"""m or rad by which the robot may have moved in planning_frame, and be where it was."""
 STILL_JOINT = 1e-3
 """rad or m by which a joint may have moved, for meshes to be where they were."""
 
@@ -246,7 +244,7 @@ class RobotInput:
         if T is None:
             described.placed = None
             raise self._unplaced(described, "now")
-        moved = before is None or np.abs(pin.log6(before.actInv(T)).vector).max() >= STILL
+        moved = before is None or not before.isApprox(T, 1e-5)
         if described.placed is None or moved:
             described.T_planning_base = T
             described.placed = described.robot.carried(T, self._frame)

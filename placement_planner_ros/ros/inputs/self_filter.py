@@ -21,20 +21,18 @@ from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-OWN = 0.002
-"""m off a surface up to which a point is of that surface: joint values, grasps and meshes are no
+OWN_M = 0.002
+"""Off a surface, up to which a point is of that surface: joint values, grasps and meshes are no
 truer."""
-_TAIL = 99.9
+TAIL_PERCENT = 99.9
 """Percentile of the depths of a surface's own points, which is how far outside others of them may
 be."""
-_FEWEST = 20
+FEWEST_INSIDE = 20
 """Points inside a solid from which on their depths tell how well is measured."""
-_CROWD = 4
+CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
-_PUSHES = 4
-"""Times that a point is pushed off what it is too near to."""
-_ROUNDING = 1e-6
-"""m."""
+ROUNDING_M = 1e-6
+"""That coordinates are off by."""
 
 Mask = npt.NDArray[np.bool_]
 
@@ -83,15 +81,15 @@ class Look:
         than the padding they are not its own.
         """
         signed = np.where(self.inside, -self.apart, self.apart)
-        limit = np.full(int(self.solid.max(initial=-1)) + 2, OWN)
+        limit = np.full(int(self.solid.max(initial=-1)) + 2, OWN_M)
         near = np.flatnonzero(self.padded & np.isfinite(signed))
         order = near[np.argsort(self.solid[near], kind="stable")]
         for rows in np.split(order, np.flatnonzero(np.diff(self.solid[order])) + 1):
             depths = -signed[rows]
-            if (depths > 0.0).sum() >= _FEWEST:
+            if (depths > 0.0).sum() >= FEWEST_INSIDE:
                 most = max(float(np.median(depths)), 0.0)
-                deepest = float(np.percentile(depths[depths >= most], _TAIL))
-                limit[self.solid[rows[0]]] = max(OWN, deepest - 2.0 * most)
+                deepest = float(np.percentile(depths[depths >= most], TAIL_PERCENT))
+                limit[self.solid[rows[0]]] = max(OWN_M, deepest - 2.0 * most)
         return self.padded & (self.inside | (self.apart <= limit[self.solid]))
 
 
@@ -130,7 +128,7 @@ class Outline:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
         found = Look.nothing(len(points))
         for number, (T, tree, padding) in enumerate(self.placed):
-            cap = max(padding, least) + _ROUNDING
+            cap = max(padding, least) + ROUNDING_M
             rows = _near(points, T, tree, cap)
             if not len(rows):
                 continue
@@ -233,14 +231,14 @@ def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:
         tree.query_ball_point(points, grid.cell_size, return_length=True)
         for tree in (cKDTree(points), everything)
     )
-    return points[(together >= grid.min_points) | (around < _CROWD * grid.min_points)]
+    return points[(together >= grid.min_points) | (around < CROWD * grid.min_points)]
 
 
 def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
     """(k, 3) of points (n, 3) where they are at least `clear` from all outlines; without those that
     are between surfaces which are too near to each other for that."""
     points = points.copy()
-    for _ in range(_PUSHES):
+    for _ in range(4):  # off one surface after the other
         look = outlines[0].look(points, clear)
         for outline in outlines[1:]:
             look = look.joined(outline.look(points, clear))
@@ -249,8 +247,8 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
             break
         away = points[rows] - look.nearest[rows]
         away[look.inside[rows]] *= -1.0
-        length = np.maximum(look.apart[rows], _ROUNDING)[:, None]
-        points[rows] = look.nearest[rows] + away / length * (clear + _ROUNDING)
+        length = np.maximum(look.apart[rows], ROUNDING_M)[:, None]
+        points[rows] = look.nearest[rows] + away / length * (clear + ROUNDING_M)
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]

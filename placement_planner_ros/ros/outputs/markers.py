@@ -21,8 +21,6 @@ _REGION = ColorRGBA(r=0.2, g=0.7, b=0.3, a=0.6)
 _OBJECT = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _PATH = ColorRGBA(r=0.8, g=0.1, b=0.5, a=1.0)
 _STANDING = ColorRGBA(r=0.1, g=0.5, b=0.5, a=1.0)
-ABOVE_M = 0.001
-"""Regions are drawn above their surface."""
 MOST_POINTS = 1500
 """Of an object that stands, as all of them go along with every placement."""
 
@@ -83,12 +81,12 @@ def _box_markers(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> lis
 
 
 def _region_corners(regions: Iterable[Region]) -> Array:
-    """Two triangles per rectangle, as (k, 3) corners."""
+    """Two triangles per rectangle, as (k, 3) corners, 1 mm above the surface."""
     corners: list[Array] = []
     for region in regions:
         for x0, y0, x1, y1 in region.rectangles:
             xy = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-            a, b, c, d = np.column_stack([xy, region.heights(xy) + ABOVE_M])
+            a, b, c, d = np.column_stack([xy, region.heights(xy) + 0.001])
             corners += [a, b, c, a, c, d]
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 

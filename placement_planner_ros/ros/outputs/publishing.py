@@ -37,10 +37,9 @@ from placement_planner_ros.ros.outputs.markers import no_markers, placement_mark
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
-PATH_POINTS = 60
-"""Of the arm's path as it is drawn."""
-DRAW_AFTER_S = 0.5
-"""From the beginning of a search to its first markers, unless a placement comes before."""
+STATUS_PERIOD_S = 0.5
+"""Between status messages while searching, at least, unless the state changes; and from the
+beginning of a search to its first markers, unless a placement comes before."""
 
 
 class Outputs:
@@ -95,7 +94,7 @@ class Outputs:
     def draw(self) -> None:
         """Publish obstacle set and regions of a run that has gone on for a moment."""
         with self._lock:
-            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + DRAW_AFTER_S:
+            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + STATUS_PERIOD_S:
                 self._draw()
 
     def draw_now(self) -> None:
@@ -212,7 +211,7 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
     arm = snapshot.arm(placement.goal.arm)
     frame = robot.frame_id(arm.tip_frame)
     trajectory = placement.trajectory
-    chosen = np.linspace(0, len(trajectory.times) - 1, min(PATH_POINTS, len(trajectory.times)))
+    chosen = np.linspace(0, len(trajectory.times) - 1, min(60, len(trajectory.times)))
     q = np.array(snapshot.q_start)
     data = robot.model.createData()
     path = []

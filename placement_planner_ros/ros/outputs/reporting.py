@@ -13,19 +13,15 @@ from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.log import Log
-from placement_planner_ros.ros.outputs.publishing import Outputs
+from placement_planner_ros.ros.outputs.publishing import STATUS_PERIOD_S, Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.patience import LOOK_S
 from placement_planner_ros.ros.run.preparation import Prepared
 from placement_planner_ros.ros.run.surroundings import environment_notes
 from placement_planner_ros.ros.run.validity import moved_from_start, outdated_inputs
 from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
 from placement_planner_ros.ros.run.worker import Run, State, Warmth
 from placement_planner_ros.ros.timers import every
-
-STATUS_PERIOD_S = 0.5
-"""Between status messages while searching, at least, unless the state changes."""
-REFRESH_PERIOD_S = 0.1
-"""Between looks at whether there is something to say."""
 
 _WAITING = {
     "true": "waiting for start",
@@ -74,7 +70,7 @@ class Reporter:
         self._reported_at = -math.inf
         self._closed = False
         self._watch = Watch(inputs.clouds, self.report, self._cannot_watch)
-        every(node, REFRESH_PERIOD_S, self._refresh)
+        every(node, LOOK_S, self._refresh)
         every(node, 1.0, self._diagnose)
         self.report()
 
@@ -175,11 +171,6 @@ class Reporter:
         self._watch.close()
         with self._saying:
             self._closed = True
-
-    @property
-    def busy(self) -> bool:
-        """Whether a thread of its own is still at work."""
-        return self._watch.busy
 
     def _cannot_watch(self, error: Exception) -> None:
         self._log.fault("the best placement cannot be held against newer clouds", error)

@@ -14,12 +14,11 @@ import pinocchio as pin
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError
 from placement_planner_ros.core.objective.by_name import term_names
+from placement_planner_ros.core.settings import Meaning
 from placement_planner_ros.core.types import TargetVolume
 
 MAX_GRASPS = 200
 """Grasps that an arm may have: each takes a megabyte."""
-MAX_PADDING_M = 0.2
-"""Around a link."""
 
 
 def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
@@ -103,8 +102,7 @@ def named_numbers(name: str, value: Sequence[str]) -> dict[str, float]:
 def paddings_by_link(name: str, value: Sequence[str]) -> None:
     """Distances by link."""
     for link, padding in named_numbers(name, value).items():
-        if not 0.0 <= padding <= MAX_PADDING_M:
-            raise ParameterError(name, f"{link}={padding:g}", f"give 0 to {MAX_PADDING_M} m")
+        Meaning(unit="m", interval="[0, 0.2]").check(f"{name}: {link}", padding)
 
 
 def known_terms(name: str, value: Sequence[str]) -> None:

@@ -6,16 +6,15 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.grasp.feasible_grasps import lay_out_holdings
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -23,56 +22,22 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.extent import cropped
-from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
-from placement_planner_ros.core.types import Placement
 from placement_planner_ros.core.warmup.known_robot import known_robot
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 
 Made = TypeVar("Made")
 
-LOOK_S = 0.2
-"""Between looks at whether the inputs have changed, at least."""
 CORE_SHARE = 0.25
 """Of one core that preparing ahead takes at most, on average."""
-CLOSING_S = 0.5
-"""That closing waits at most."""
-PATIENCE_S = 0.005
-"""Between looks at whether a run that waits for its environment has been stopped."""
 
 Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
 """What tells one state of the inputs from another, and their snapshot; None where some miss."""
-
-
-class Counters(Protocol):
-    """What a run reports of its planner."""
-
-    @property
-    def samples(self) -> int: ...
-    @property
-    def rejected(self) -> dict[str, int]: ...
-    @property
-    def rejected_by_face(self) -> dict[int, dict[str, int]]: ...
-    @property
-    def rejected_by_arm(self) -> dict[str, dict[str, int]]: ...
-
-
-class Planner(Protocol):
-    """What a run needs of a planner; `PlacementPlanner` is one."""
-
-    exhausted: str
-    cause: Cause | None
-    unusable: tuple[str, ...]
-    explanation: Explanation
-
-    @property
-    def statistics(self) -> Counters: ...
-    def explain(self) -> Explanation: ...
-    def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +48,7 @@ class Prepared:
         flying: how many points of the clouds were left out as flying pixels.
     """
 
-    planner: Planner
+    planner: PlacementPlanner
     environment: Environment
     flying: int = 0
 
@@ -92,7 +57,7 @@ Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]
 """Makes the planner of a run; raises `StoppedError` where it was told to stop first."""
 
 
-def make_planner(snapshot: Snapshot, environment: Environment) -> Planner:
+def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlanner:
     """The planner of a run.
 
     Raises:
@@ -185,7 +150,6 @@ class Preparation:
         self._idle = idle
         self._lock = threading.Lock()
         self._newest: _Build | None = None
-        self._order: Future[_Build] | None = None
         self._runs = 0
         self._seen: object = None
         self._laid_out: tuple[Robot, Body] | None = None
@@ -202,13 +166,6 @@ class Preparation:
         if self._ahead.is_alive():
             self._ahead.join(CLOSING_S)
 
-    @property
-    def busy(self) -> bool:
-        """Whether something is being made."""
-        newest, order = self._newest, self._order
-        building = newest is not None and not newest.made.done()
-        return self._ahead.is_alive() or building or (order is not None and not order.done())
-
     def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
         """The planner of a run.
 
@@ -220,16 +177,14 @@ class Preparation:
             self._runs += 1  # from now on nothing is prepared ahead
         self._calls.give_way()  # to the answer that there is a run
         order: Future[_Build] = Future()
-        self._order = order
         # To its end, unless other inputs come: should this run be stopped, the next may need it.
         threading.Thread(
             target=_fulfil, args=(order, lambda: self._built(snapshot)), daemon=True
         ).start()
         try:
             with stoppable(should_stop):
-                if not wait([order], PATIENCE_S).done:
-                    self._lay_out(snapshot)  # meanwhile
-                while not wait([order], PATIENCE_S).done:
+                self._lay_out(snapshot)  # meanwhile
+                while not wait([order], LOOK_S).done:
                     step("making the environment of the clouds")
                 build = order.result()
                 flying = sum(int(flies.sum()) for flies in build.surroundings.flying)

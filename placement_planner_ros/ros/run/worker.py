@@ -12,9 +12,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
+from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.ros.run.preparation import Planner, Prepare, Prepared
+from placement_planner_ros.ros.patience import LOOK_S
+from placement_planner_ros.ros.run.preparation import Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
@@ -33,8 +35,6 @@ class State(enum.StrEnum):
 
 
 ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
-LOOK_S = 0.05
-"""Between looks at whether a run that waits has been stopped."""
 PREPARATION_LIMIT_S = 60.0
 """That making environment and planner may take; what compiling takes does not count."""
 
@@ -116,7 +116,7 @@ class Run:
         self.found: tuple[int, Placement | None] = (0, None)
         self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
-        self.planner: Planner | None = None
+        self.planner: PlacementPlanner | None = None
         self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
@@ -297,7 +297,7 @@ class Run:
             self.reason = self._named(prepared.planner.exhausted)
         return outcome
 
-    def _take_placements(self, planner: Planner) -> None:
+    def _take_placements(self, planner: PlacementPlanner) -> None:
         for placement in planner.run(self.should_stop):
             with self._publishing:
                 if self._ending is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -34,6 +35,7 @@ FRAME = "yumi_body"
 JOINT_STATE_RATE = 50.0
 """Hz."""
 
+_DESCRIPTIONS = {"robot_description": "yumi.urdf", "robot_description_semantic": "yumi.srdf"}
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -49,60 +51,53 @@ class ScenePublisher(Node):
 
     def __init__(self, overrides: Sequence[Parameter] = ()) -> None:
         super().__init__("placement_scene", parameter_overrides=list(overrides))
-        scene = scene_by_name(
-            self._choice("name", "cabinet_high_clutter", f"Scene: {', '.join(SCENE_NAMES)}.")
-        )
-        held = self._choice(
-            "object", "small_crayons_box", "Object that the fingers are closed around."
-        )
-        kind = self._choice(
+
+        def given(name: str, default: object, text: str) -> Any:
+            words = ParameterDescriptor(description=text, dynamic_typing=True)
+            return self.declare_parameter(name, default, words).value
+
+        name = given("name", "cabinet_high_clutter", f"Scene: {', '.join(SCENE_NAMES)}.")
+        held = given("object", "small_crayons_box", "Object that the fingers are closed around.")
+        kind = given(
             "clouds", "complete", "complete: the whole surface; cameras: what two cameras see."
         )
-        rate = self.declare_parameter(
-            "rate",
-            2.0,
-            ParameterDescriptor(description="Clouds per second.", dynamic_typing=True),
-        ).value
-        if not isinstance(rate, (int, float)) or not 0.0 < rate <= 100.0:
+        rate = given("rate", 2.0, "Clouds per second.")
+        if type(rate) not in (int, float) or not 0.0 < rate <= 100.0:
             raise ParameterError("rate", rate, "must be above 0 and at most 100 Hz")
-        self._positions, self._at_rest = dict(start_configuration(held)), True
-        self._clouds = self._make_clouds(scene, kind)
+        self._positions, self._at_rest = dict(start_configuration(str(held))), True
+        self._clouds = self._make_clouds(scene_by_name(str(name)), kind)
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
-        self._latched = [
-            (self.create_publisher(String, topic, LATCHED), share_path("urdf", name))
-            for topic, name in (
-                ("robot_description", "yumi.urdf"),
-                ("robot_description_semantic", "yumi.srdf"),
-            )
-        ]
-        for publisher, path in self._latched:
-            publisher.publish(String(data=path.read_text(encoding="utf-8")))
+        for topic, file in _DESCRIPTIONS.items():
+            text = share_path("urdf", file).read_text(encoding="utf-8")
+            self.create_publisher(String, topic, LATCHED).publish(String(data=text))
         every(self, 1.0 / rate, self._publish_clouds)
         every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
-        self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
+        self.get_logger().info(f"publishing scene {name}, clouds: {kind}")
 
     def show(self, positions: Mapping[str, float], at_rest: bool) -> None:
         """Where the joints, by name, are from now on; may be called from any thread."""
         self._positions, self._at_rest = dict(positions), at_rest
 
-    def _choice(self, name: str, default: str, text: str) -> str:
-        return str(
-            self.declare_parameter(name, default, ParameterDescriptor(description=text)).value
-        )
-
-    def _make_clouds(self, scene: Scene, kind: str) -> list[tuple[Publisher, PointCloud2]]:
+    def _make_clouds(self, scene: Scene, kind: object) -> list[tuple[Publisher, PointCloud2]]:
         if kind == "complete":
-            publisher = self.create_publisher(PointCloud2, "points", RELIABLE)
-            return [(publisher, message_from_points(complete_cloud(scene), Header(frame_id=FRAME)))]
-        if kind != "cameras":
+            seen: dict[str, tuple[str, Any]] = {"points": (FRAME, complete_cloud(scene))}
+        elif kind == "cameras":
+            seen = {
+                f"{cloud.camera.name.removesuffix('_optical_frame')}/points": (
+                    cloud.camera.name,
+                    cloud.points,
+                )
+                for cloud in camera_clouds(scene, np.random.default_rng(0))
+            }
+        else:
             raise ParameterError("clouds", kind, "choose complete or cameras")
-        made: list[tuple[Publisher, PointCloud2]] = []
-        for cloud in camera_clouds(scene, np.random.default_rng(0)):
-            frame = cloud.camera.name
-            topic = f"{frame.removesuffix('_optical_frame')}/points"
-            message = message_from_points(cloud.points, Header(frame_id=frame))
-            made.append((self.create_publisher(PointCloud2, topic, RELIABLE), message))
-        return made
+        return [
+            (
+                self.create_publisher(PointCloud2, topic, RELIABLE),
+                message_from_points(points, Header(frame_id=frame)),
+            )
+            for topic, (frame, points) in seen.items()
+        ]
 
     def _publish_clouds(self) -> None:
         for publisher, message in self._clouds:

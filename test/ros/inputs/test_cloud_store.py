@@ -8,9 +8,13 @@ import trimesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.ros.inputs import cloud_store
-from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.cloud_store import (
+    CloudStaleError,
+    CloudStore,
+    MergedPoints,
+    StoredCloud,
+)
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
-from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -97,8 +101,7 @@ def test_old_clouds_are_stale_unless_any_age_will_do():
     with pytest.raises(CloudStaleError, match="points") as error:
         snapshot_of(store, "latest", 5.0, 15.1)
     assert error.value.code == "CLOUD_STALE"
-    assert "another clock" not in str(error.value)
-    with pytest.raises(CloudStaleError, match="stamped by another clock"):
+    with pytest.raises(CloudStaleError, match="stamped by the clock of the joint states"):
         snapshot_of(store, "latest", 5.0, 1e6)
     assert snapshot_of(store, "latest", 0.0, 1e6)
 

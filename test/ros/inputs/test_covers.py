@@ -12,7 +12,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,
-    ProcessorTimeError,
     cover_in,
     read_kept,
 )
@@ -54,15 +53,6 @@ def test_a_cover_that_takes_too_long_is_the_hull_and_that_is_told(folder, monkey
         assert coarse(read(folder, process))
         monkeypatch.setattr(mesh_process, "MAX_WAIT_S", 240.0)
         assert not coarse(read(folder, process)), "it is tried again"
-
-
-def test_a_cover_that_takes_too_much_of_the_processor_is_told_as_such(folder):
-    with MeshProcess() as process:
-        mesh = process.read(folder / "ring.stl")[:2]
-        process._child.send_signal(signal.SIGXCPU)  # as the limit that it set itself does
-        process._child.wait()
-        with pytest.raises(ProcessorTimeError, match="60 s of processor time"):
-            process.cover(*mesh, 0.01)
 
 
 def test_where_the_processor_time_is_not_enough_the_hull_is_kept(folder):

@@ -88,7 +88,7 @@ def test_adding_replaces_and_deleting_forgets():
     ("bad", "words"),
     [
         (marker(Marker.CUBE, (0.0, 1.0, 1.0)), "scale"),
-        (marker(Marker.CUBE, at=(np.nan, 0.0, 0.0)), "position"),
+        (marker(Marker.CUBE, at=(0.0, np.nan, 0.0)), "pose"),
         (marker(Marker.ARROW), "CYLINDER"),
         (marker(Marker.TRIANGLE_LIST, points=[Point()]), "three for each triangle"),
         (marker(Marker.MESH_RESOURCE, mesh_resource="file:///etc/passwd"), "file_roots"),

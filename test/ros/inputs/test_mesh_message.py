@@ -41,15 +41,6 @@ def test_it_holds_what_was_given(removed, order):
     vertices[0] = 1.0  # their own
 
 
-def test_what_is_no_plain_cdr_is_left_to_rclpy(monkeypatch):
-    ball = trimesh.creation.icosphere(0)
-    data = message(ball.vertices, ball.faces)
-    monkeypatch.setattr("placement_planner_ros.ros.inputs.mesh_message._ORDERS", {})
-    vertices, triangles = mesh_from_message(data)
-    assert np.array_equal(vertices, ball.vertices)
-    assert np.array_equal(triangles, ball.faces)
-
-
 @pytest.mark.parametrize(
     ("vertices", "triangles", "said"),
     [

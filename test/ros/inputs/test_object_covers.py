@@ -2,7 +2,6 @@
 
 import threading
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import trimesh
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
-from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -59,22 +57,6 @@ def settle(objects):
     return objects.state
 
 
-def test_until_it_is_covered_it_is_being_read(covers):
-    gate, made = covers
-    parameters = ParameterSet(SPECS, {})
-    objects = ObjectInput(parameters, FILES)
-    objects.set_mesh(*ring())
-    assert objects.state == "reading"
-    with pytest.raises(NotReadyError):
-        objects.body(parameters)
-    gate.set()
-    assert settle(objects) == "ready"
-    body = objects.body(parameters)
-    assert body.warnings == ()
-    assert len(body.mesh.cover.parts) > 2
-    assert made == ["reading"]
-
-
 def test_a_cover_is_made_once_and_kept(covers, monkeypatch):
     gate, made = covers
     gate.set()
@@ -87,26 +69,6 @@ def test_a_cover_is_made_once_and_kept(covers, monkeypatch):
     assert len(made) == 1
     for first, second in zip(*parts, strict=True):
         np.testing.assert_array_equal(first, second)
-
-
-def test_the_cover_is_told_of_while_it_is_made_and_not_where_it_is_kept(covers):
-    gate, made = covers
-    gate.set()
-    for told_of in (True, False):
-        told = []
-        log = SimpleNamespace(event=told.append, repeats=lambda *_: None)
-        objects = ObjectInput(ParameterSet(SPECS, {}), FILES, log)
-        objects.set_mesh(*ring())
-        assert settle(objects) == "ready"
-        assert any("cover of the object" in words for words in told) == told_of
-        assert objects.progress == ""
-    assert len(made) == 1
-    gate.clear()
-    objects.set_mesh(*ring(0.031))
-    end = time.monotonic() + WAIT
-    while len(made) < 2 and time.monotonic() < end:
-        time.sleep(0.01)
-    assert f"({len(ring()[1]):,} triangles)" in objects.progress
 
 
 def test_nobody_waits_for_the_cover_of_what_was_replaced(covers):

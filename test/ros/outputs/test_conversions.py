@@ -1,9 +1,7 @@
 import numpy as np
-import pinocchio as pin
 
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.ros.outputs.conversions import (
-    pose_message,
     trajectory_message,
     with_all_joints,
 )
@@ -30,11 +28,6 @@ def test_a_trajectory_message_holds_every_column():
     np.testing.assert_allclose(times, TRAJECTORY.times, atol=1e-9)
 
 
-def test_no_trajectory_is_an_empty_message():
-    message = trajectory_message(None, "3/0")
-    assert (message.header.frame_id, message.joint_names, message.points) == ("3/0", [], [])
-
-
 def test_all_joints_are_held_where_the_robot_is():
     robot = load_yumi()
     q = robot.configuration(HOME)
@@ -47,13 +40,3 @@ def test_all_joints_are_held_where_the_robot_is():
         else:
             assert (complete.positions[:, i] == q[robot.index(name)]).all()
             assert (complete.velocities[:, i] == 0.0).all()
-
-
-def test_poses_keep_rotation_and_position():
-    T = pin.SE3.Random()
-    message = pose_message(T)
-    r = message.orientation
-    rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).toRotationMatrix()
-    np.testing.assert_allclose(rotation, T.rotation, atol=1e-12)
-    p = message.position
-    np.testing.assert_array_equal([p.x, p.y, p.z], T.translation)

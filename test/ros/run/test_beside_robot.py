@@ -107,8 +107,8 @@ def found(snapshot, samples=1500):
 @pytest.mark.parametrize("deviation", [0.0, 0.0005])
 def test_a_rod_beside_the_held_object_is_not_cut(holding, gap, deviation):
     middle, half, points = rod_beside(holding, gap)
-    seen = np.vstack([TABLE, points, own_points(holding, deviation)])
-    snapshot = seen(holding, clouds=(seen,))
+    points = np.vstack([TABLE, points, own_points(holding, deviation)])
+    snapshot = seen(holding, clouds=(points,))
     rod, T_rod = coal.Capsule(RADIUS - 1e-4, 2 * half), coal.Transform3s(np.eye(3), middle)
     placements = found(snapshot)
     assert placements

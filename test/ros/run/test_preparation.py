@@ -10,7 +10,6 @@ from helpers.snapshots import parts_of, seen
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, StartError
 from placement_planner_ros.core.stopping import StoppedError
-from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run import preparation as module
@@ -213,11 +212,9 @@ def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapsho
     preparing = preparation()
     with pytest.raises(StoppedError, match=r"environment|arm"):
         preparing.prepare(snapshot, lambda: True)
-    assert preparing.busy
     go_on.set()
     assert preparing.prepare(again(snapshot), never) is not None
     assert len(made) == 1
-    assert not preparing.busy
 
 
 def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch):
@@ -231,21 +228,6 @@ def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch
         with pytest.raises(CloudError):
             preparing.prepare(snapshot, never)
     assert preparing.prepare(snapshot, never) is not None
-
-
-def test_nothing_is_done_while_nothing_changes(snapshot):
-    taken, state = [], [1]
-
-    def inputs():
-        return tuple(state), lambda: taken.append(1) or snapshot
-
-    preparing = preparation(inputs)
-    preparing.look()
-    preparing.look()
-    assert len(taken) == 1
-    state.append(2)
-    preparing.look()
-    assert len(taken) == 2
 
 
 def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypatch):
@@ -266,33 +248,6 @@ def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypa
     monkeypatch.undo()
     preparing.close()
     assert [str(error) for error in told] == ["one", "two"]
-
-
-def test_what_is_made_ahead_gives_way_to_calls_and_a_run_as_it_begins(snapshot):
-    ways = []
-
-    class Counted(CallPriority):
-        def give_way(self):
-            ways.append(1)
-
-    preparing = Preparation(None, lambda: True, calls=Counted())
-    preparing.ahead(snapshot)
-    assert len(ways) > 5  # between its steps
-    ways.clear()
-    preparing.prepare(snapshot, never)
-    assert len(ways) == 1
-
-
-def test_an_environment_ahead_is_that_of_a_run_with_the_same_inputs_only(snapshot):
-    preparing = preparation()
-    assert preparing.ready(snapshot) is None
-    preparing.ahead(snapshot)
-    same = replace(snapshot, arms=snapshot.arms[:])
-    assert preparing.ready(same) is preparing._newest.environment
-    moved = snapshot.q_start.copy()
-    moved[0] += 0.01
-    assert preparing.ready(replace(snapshot, q_start=moved)) is None
-    assert preparing.ready(again(snapshot)) is None
 
 
 def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot):

@@ -26,8 +26,6 @@ HOLDING_M = 0.005
 """A hand that comes no closer does not hold it."""
 NEAR_M = 0.1
 """What is farther away is not looked at."""
-STEPS = 40
-"""Between the open hand and its closed end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,7 +182,7 @@ def close_on(subject: Subject, arm: Arm, grasp: int, body: Body) -> Closing:
     low, high = robot.lower[index], robot.upper[index]
     closed = np.where(np.abs(low - opened) > np.abs(high - opened), low, high)
     moved = _moved_by_gripper(robot, arm)
-    for share in np.linspace(0.0, 1.0, STEPS + 1):
+    for share in np.linspace(0.0, 1.0, 41):
         values = opened + share * (closed - opened)
         at = dict(zip(arm.gripper_joints, values.tolist(), strict=True))
         touch = touched(robot, arm, grasp, body, robot.with_positions(subject.q, at))

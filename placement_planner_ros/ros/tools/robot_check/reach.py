@@ -11,10 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
-from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.turntable import POSE_DIMENSIONS, lacks_directions
@@ -23,40 +20,31 @@ from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
+from placement_planner_ros.ros.run.preparation import make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.ros.run.worker import PREPARATION_LIMIT_S
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.subject import Subject
 
 POSES = 200
 """Random poses in V per arm and grasp."""
-SEEDS = 31
-"""Of the inverse kinematics for each."""
-PATIENCE_S = 60.0
-"""Of processor time after which making a planner is given up."""
 
 
 def check_reach(subject: Subject, findings: Findings) -> None:
     """Say for which share of random poses in V there is inverse kinematics."""
     arms = [arm for arm in subject.arms if arm.grasps]
-    if not arms:
+    if not arms or subject.body is None:
         return
     findings.title("random poses of the object in target_volume that an arm reaches")
-    volume = subject.parameters.volume
-    few = {arm.name for arm in arms if lacks_directions(_chain(subject, arm))}
     most = 0.0
     for arm in arms:
-        if arm.name in few and not (subject.body and subject.body.faces):
-            findings.say(f"{arm.name}: not known without an object that stands")
-            most = 1.0
-            continue
         for grasp in range(len(arm.grasps)):
-            share = reached_share(subject, arm, grasp, volume)
+            share = reached_share(subject, arm, grasp, subject.parameters.volume)
             most = max(most, share)
             findings.say(f"{arm.name}, grasp {grasp}: {share:.0%}")
-    for arm in arms:
-        if arm.name in few:
-            _check_upright(subject, arm, findings)
+        if lacks_directions(_chain(subject, arm)):
+            _check_upright(subject, arm, subject.body, findings)
     if most == 0.0:
         tips = "; ".join(
             f"the tip of {arm.name} starts at "
@@ -74,27 +62,17 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
 
     Arms that move their tip in fewer than six directions may turn the object otherwise.
     """
-    rng = np.random.default_rng(1)
-    T_tip_object = arm.grasps[grasp]
-    placed = []
-    for _ in range(POSES):
-        T = _pose_in(volume, rng)
-        T_face_object = pin.SE3.Identity()
-        if subject.body is not None and subject.body.faces:
-            face = subject.body.faces[int(rng.integers(len(subject.body.faces)))]
-            T_face_object = face.T_face_object
-        else:
-            turn = pin.Quaternion(*(rng.normal(size=4))).normalized()
-            T = T * pin.SE3(turn.matrix(), np.zeros(3))
-        placed.append((T * T_face_object, T_face_object))
-    chain = _chain(subject, arm)
+    assert subject.body is not None
+    rng, faces = np.random.default_rng(1), subject.body.faces
+    chosen = [faces[k].T_face_object for k in rng.integers(len(faces), size=POSES)]
+    placed = [(_pose_in(volume, rng) * T, T) for T in chosen]
+    T_tip_object, q, chain = arm.grasps[grasp], subject.q[arm.q_index], _chain(subject, arm)
     ik = InverseKinematics(chain)
-    q = subject.q[arm.q_index]
     if lacks_directions(chain):
         any_turn = FreeYawIK(chain, T_tip_object, ik)
-        return float(np.mean([bool(any_turn.placed(*each, SEEDS, rng, q)) for each in placed]))
+        return float(np.mean([bool(any_turn.placed(*each, 31, rng, q)) for each in placed]))
     tips = [(T * T_tip_object.inverse()).homogeneous for T, _ in placed]
-    seeds = ik.random_seeds(rng, (POSES, SEEDS))
+    seeds = ik.random_seeds(rng, (POSES, 31))
     seeds = np.concatenate([np.broadcast_to(q, (POSES, 1, arm.dof)), seeds], axis=1)
     return float((ik.solve_batch(np.array(tips), seeds)[1] > 0).mean())
 
@@ -103,20 +81,18 @@ def _chain(subject: Subject, arm: Arm) -> Chain:
     return Chain.from_robot(subject.robot, arm, subject.q)
 
 
-def _check_upright(subject: Subject, arm: Arm, findings: Findings) -> None:
+def _check_upright(subject: Subject, arm: Arm, body: Body, findings: Findings) -> None:
     """Say of an arm of few directions what that means, and whether it can stand the object up."""
     chain = _chain(subject, arm)
     findings.say(
         f"{arm.name}: its joints move the tip in {chain.freedom} of {POSE_DIMENSIONS} directions; "
         "it puts the object down turned about the vertical as it can"
     )
-    if subject.body is None or not subject.body.faces:
-        return
     tolerance = IKSettings().rotation_tolerance
     held = (
         (grasp * face.T_face_object.inverse()).homogeneous
         for grasp in arm.grasps
-        for face in subject.body.faces
+        for face in body.faces
     )
     hindrance = most_upright(chain, held, tolerance).hindrance(tolerance)
     if hindrance:
@@ -142,10 +118,10 @@ def check_planner(subject: Subject, findings: Findings) -> None:
     findings.title("a planner, over a plane at the bottom of target_volume")
     began = time.process_time()
     try:
-        with stoppable(lambda: time.process_time() > began + PATIENCE_S):
+        with stoppable(lambda: time.process_time() > began + PREPARATION_LIMIT_S):
             planner = _planner(subject, arms, subject.body)
     except StoppedError:
-        findings.say(f"a planner is not made within {PATIENCE_S:g} s of processor time")
+        findings.say(f"a planner is not made within {PREPARATION_LIMIT_S:g} s of processor time")
         return
     except PlacementPlannerError as error:
         findings.say("no planner can be made, for what is wrong below")
@@ -157,17 +133,13 @@ def check_planner(subject: Subject, findings: Findings) -> None:
 
 
 def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPlanner:
-    robot, parameters, volume = subject.robot, subject.parameters, subject.parameters.volume
-    plane = (PointSet(plane_in(volume)),)
+    robot, parameters = subject.robot, subject.parameters
+    plane = (PointSet(_plane_in(parameters.volume)),)
     snapshot = Snapshot(robot, arms, subject.q, body, plane, parameters, robot.root_link)
-    environment = Surroundings.of(snapshot).environment()
-    problem = Problem(robot, arms, subject.q, body, volume, environment)
-    objective = make_objective("maximize_clearance", ObjectiveContext(environment, volume, body))
-    rng = np.random.default_rng(0)
-    return PlacementPlanner(problem, objective, parameters.planner_settings, rng)
+    return make_planner(snapshot, Surroundings.of(snapshot).environment())
 
 
-def plane_in(volume: TargetVolume) -> Array:
+def _plane_in(volume: TargetVolume) -> Array:
     """(n, 3) points every 5 mm, more than a cell above the bottom of each of V's boxes."""
     planes = []
     for low, high in volume.joined:

@@ -13,7 +13,7 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, listed
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, fixed_links, require_links
@@ -29,9 +29,6 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.start_checks import require_arms, require_face
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import Given, read_yaml
-
-MOST_CHAINS = 8
-"""Chains that are proposed as arms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,4 +202,4 @@ def _proposed(robot: Robot) -> str:
     fingers = {joints[:-1] for joints in ends if sum(e[:-1] == joints[:-1] for e in ends) > 1}
     tips = {joints[:-1] if joints[:-1] in fingers else joints: None for joints in ends}
     longest = sorted((tip for tip in tips if tip in chains), key=len, reverse=True)
-    return ", ".join(f"{chains[tip]} ({len(tip)} joints)" for tip in longest[:MOST_CHAINS])
+    return listed([f"{chains[tip]} ({len(tip)} joints)" for tip in longest])
