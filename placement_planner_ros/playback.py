@@ -13,6 +13,8 @@ from placement_planner_ros.joint_curve import JointCurve
 
 LinkPoses = Callable[[Mapping[str, float]], Mapping[str, pin.SE3]]
 
+CARRIED = ("transit", "approach")
+"""Stages in which the object is in the hand."""
 RELEASE_DURATION = 0.6
 """Seconds that opening the hand is shown for; a real hand has its own."""
 

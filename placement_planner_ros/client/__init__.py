@@ -11,8 +11,7 @@ not end with a solution raises `PlacementError` with a code and words. Loads not
 """
 
 from placement_planner_ros.client.answer import Answer
-from placement_planner_ros.client.asynchronous import AsyncPlacementClient
-from placement_planner_ros.client.blocking import PlacementClient
+from placement_planner_ros.client.clients import AsyncPlacementClient, PlacementClient
 from placement_planner_ros.client.errors import PlacementError
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import Status, Validity

@@ -23,7 +23,7 @@ from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE, WITHDRAWN, P
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import ROBOT_MOVED, SEARCHING, STOPPING, Status
 from placement_planner_ros.client.subscriptions import Subscriptions
-from placement_planner_ros.client.waiting import News, Steps, T
+from placement_planner_ros.client.waiting import News, Steps, T, wait_until
 
 Enough = Callable[[Solution], bool | None]
 """Told of each improvement; true where it is good enough."""
@@ -143,8 +143,7 @@ class Session:
         yield from self._hear(lambda: self.hearing.solution(run, number), lacking)
         # Its validity is as of when it is handed out, so that must be known first.
         end = time.monotonic() + KNOWN_WITHIN
-        while not self.hearing.validity(run, number).known and time.monotonic() < end:
-            yield end
+        yield from wait_until(lambda: self.hearing.validity(run, number).known or None, end)
         return (yield from self._hear(lambda: self.hearing.solution(run, number), lacking))
 
     def confirm(self, solution: Solution | None, pose: Pose | Sequence[float] | None) -> Steps[int]:
@@ -171,11 +170,12 @@ class Session:
 
     def settle(self) -> Steps[None]:
         """Until nobody searches any more and the runs that were left are known to be stopped."""
-        end = time.monotonic() + ANSWER_WITHIN
-        while self._under_way or (self._owed and self._calls.offered("stop_with")):
-            if time.monotonic() >= end:
-                return
-            yield end
+
+        def settled() -> bool | None:
+            owed = self._owed and self._calls.offered("stop_with")
+            return not (self._under_way or owed) or None
+
+        yield from wait_until(settled, time.monotonic() + ANSWER_WITHIN)
 
     # --- one run
 
@@ -204,16 +204,9 @@ class Session:
 
     def _begin(self, parameters: Mapping[str, Value], end: float, withdrawals: int) -> Steps[int]:
         """The run's number, once a start was accepted."""
-        while True:
-            self._heed(withdrawals)
-            answer = yield from self._ask("start_with", parameters, end)
-            if answer.success and answer.run is not None:
-                return answer.run
-            again = time.monotonic() + RETRIED_AFTER
-            if answer.code not in PASSING or again > end:
-                raise answer.error
-            while time.monotonic() < again:
-                yield again
+        answer = yield from self._repeat("start_with", parameters, PASSING, end, withdrawals)
+        assert answer.run is not None
+        return answer.run
 
     def _search(self, run: int, end: float, until: Enough | None, withdrawals: int) -> Steps[None]:
         """Until the run has ended, or has found enough, or the time has come."""
@@ -256,9 +249,10 @@ class Session:
 
     def _attend(self, answer: Future) -> Steps[None]:
         """Until it has come, or will hardly come any more."""
-        end = time.monotonic() + LEFT_WITHIN
-        while not answer.done() and time.monotonic() < end and self._calls.offered("stop_with"):
-            yield end
+        yield from wait_until(
+            lambda: answer.done() or not self._calls.offered("stop_with") or None,
+            time.monotonic() + LEFT_WITHIN,
+        )
 
     def _owe(self, future: Future) -> None:
         """Have `settle` wait for that answer."""
@@ -294,15 +288,30 @@ class Session:
             PlacementError: it was refused.
         """
         end = time.monotonic() + ANSWER_WITHIN
+        return self._repeat(name, parameters, frozenset({"STOPPING"}), end, self._withdrawals)
+
+    def _repeat(
+        self,
+        name: str,
+        parameters: Mapping[str, Value],
+        passing: frozenset[str],
+        end: float,
+        withdrawals: int,
+    ) -> Steps[Answer]:
+        """The answer, asked for again while it is a refusal that passes.
+
+        Raises:
+            PlacementError: it was refused.
+        """
         while True:
-            answer = yield from self._ask(name, parameters)
+            self._heed(withdrawals)
+            answer = yield from self._ask(name, parameters, end)
             if answer.success:
                 return answer
             again = time.monotonic() + RETRIED_AFTER
-            if answer.code != "STOPPING" or again > end:
+            if answer.code not in passing or again > end:
                 raise answer.error
-            while time.monotonic() < again:
-                yield again
+            yield from wait_until(lambda: None, again)
 
     def _ask(
         self, name: str, parameters: Mapping[str, Value], end: float | None = None
@@ -313,22 +322,17 @@ class Session:
             end: until when the node is waited for where it is not there.
         """
         self._require_open()
-        latest = time.monotonic() + ANSWER_WITHIN
-        end = latest if end is None else end
-        while not self._calls.offered(name):
-            if time.monotonic() >= end:
-                raise self._no_node(name)
-            yield end
+        end = time.monotonic() + ANSWER_WITHIN if end is None else end
+        if (yield from wait_until(lambda: self._calls.offered(name) or None, end)) is None:
+            raise self._no_node(name)
         try:
             future = self._calls.send(name, parameters)
         except _NOT_SENT as error:
             raise PlacementError(NO_NODE, f"ROS has been shut down here: {error}") from error
         latest = time.monotonic() + ANSWER_WITHIN
         try:
-            while not future.done():
-                if time.monotonic() >= latest:
-                    raise PlacementError(NO_ANSWER, self._unheard(f"{name} was not answered"))
-                yield latest
+            if (yield from wait_until(lambda: future.done() or None, latest)) is None:
+                raise PlacementError(NO_ANSWER, self._unheard(f"{name} was not answered"))
         except BaseException as error:
             if name == "start_with":
                 yield from self._leave_beginning(future, isinstance(error, GeneratorExit))
@@ -343,11 +347,9 @@ class Session:
 
     def _hear(self, what: Callable[[], T | None], lacking: str) -> Steps[T]:
         """What is published beside an answer, once it has come."""
-        end = time.monotonic() + ANSWER_WITHIN
-        while (heard := what()) is None:
-            if time.monotonic() >= end:
-                raise PlacementError(NO_ANSWER, self._unheard(lacking))
-            yield end
+        heard = yield from wait_until(what, time.monotonic() + ANSWER_WITHIN)
+        if heard is None:
+            raise PlacementError(NO_ANSWER, self._unheard(lacking))
         return heard
 
     def _no_node(self, name: str, run: int | None = None) -> PlacementError:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from trajectory_msgs.msg import JointTrajectory
 
@@ -52,14 +53,15 @@ class Solution:
 
 
 def solution_of(
-    values: Mapping[str, str],
-    words: str,
+    manifest: DiagnosticArray,
     pose: PoseStamped,
     trajectory: JointTrajectory,
     retreat: JointTrajectory,
     validity: Validity,
 ) -> Solution:
-    """A solution from the values of `~/solution` and the parts with the same key."""
+    """A solution from the manifest, `~/solution`, and the parts with the same key."""
+    (status,) = manifest.status
+    values = {pair.key: pair.value for pair in status.values}
     terms = {
         name.removeprefix(_TERM): float(value)
         for name, value in values.items()
@@ -79,5 +81,5 @@ def solution_of(
         trajectory,
         retreat if values["has_retreat"] == "true" else None,
         validity,
-        words,
+        status.message,
     )

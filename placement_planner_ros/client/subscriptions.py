@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -20,11 +20,16 @@ from placement_planner_ros.client.status import Status, Validity
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.ros.qos import LATCHED
 
-T = TypeVar("T")
-
 KEPT = 20
 """Messages of each topic that are kept, the newest ones."""
 
+_PARTS = {
+    "trajectory": JointTrajectory,
+    "retreat_trajectory": JointTrajectory,
+    "placement_pose": PoseStamped,
+    "solution": DiagnosticArray,
+}
+"""Topics of a solution's parts."""
 _EVERY = QoSProfile(depth=KEPT, reliability=LATCHED.reliability, durability=LATCHED.durability)
 
 
@@ -44,10 +49,7 @@ class Subscriptions:
         self._news = news
         self._status: Status | None = None
         self._status_at = -math.inf
-        self._manifests: dict[tuple[int, int], tuple[Mapping[str, str], str, object]] = {}
-        self._trajectories: dict[str, JointTrajectory] = {}
-        self._retreats: dict[str, JointTrajectory] = {}
-        self._poses: dict[object, PoseStamped] = {}
+        self._parts: dict[str, dict[Any, Any]] = {topic: {} for topic in _PARTS}
         self._node = node
 
         def listen(kind: type, topic: str, take: Callable[[Any], None]) -> Any:
@@ -55,13 +57,11 @@ class Subscriptions:
                 kind, f"{planner}/{topic}", take, _EVERY, callback_group=group
             )
 
-        self._subscriptions = [
-            listen(JointTrajectory, "trajectory", self._take_trajectory),
-            listen(JointTrajectory, "retreat_trajectory", self._take_retreat),
-            listen(PoseStamped, "placement_pose", self._take_pose),
-            listen(DiagnosticArray, "solution", self._take_manifest),
-            listen(DiagnosticStatus, "status", self._take_status),
-        ]
+        def keep(topic: str) -> Callable[[Any], None]:
+            return lambda message: self._keep(topic, message)
+
+        self._subscriptions = [listen(_PARTS[topic], topic, keep(topic)) for topic in _PARTS]
+        self._subscriptions.append(listen(DiagnosticStatus, "status", self._take_status))
 
     def close(self) -> None:
         """Listen no more."""
@@ -86,7 +86,7 @@ class Subscriptions:
     def newest(self, run: int) -> Solution | None:
         """The run's last solution of which all has come; None where there is none."""
         with self._lock:
-            numbers = sorted((n for r, n in self._manifests if r == run), reverse=True)
+            numbers = sorted((n for r, n in self._parts["solution"] if r == run), reverse=True)
             found = (self._solution(run, number) for number in numbers)
             return next((solution for solution in found if solution is not None), None)
 
@@ -113,38 +113,30 @@ class Subscriptions:
 
     def _solution(self, run: int, number: int) -> Solution | None:
         """With the lock held."""
-        key = f"{run}/{number}"
-        if (run, number) not in self._manifests:
+        if (manifest := self._parts["solution"].get((run, number))) is None:
             return None
-        values, words, stamp = self._manifests[run, number]
-        pose = self._poses.get(stamp)
-        trajectory, retreat = self._trajectories.get(key), self._retreats.get(key)
+        key, parts = f"{run}/{number}", self._parts
+        pose = parts["placement_pose"].get(_stamp(manifest))
+        trajectory = parts["trajectory"].get(key)
+        retreat = parts["retreat_trajectory"].get(key)
         if pose is None or trajectory is None or retreat is None:
             return None
-        return solution_of(values, words, pose, trajectory, retreat, self.validity(run, number))
-
-    def _take_trajectory(self, message: JointTrajectory) -> None:
-        self._keep(self._trajectories, message.header.frame_id, message)
-
-    def _take_retreat(self, message: JointTrajectory) -> None:
-        self._keep(self._retreats, message.header.frame_id, message)
-
-    def _take_pose(self, message: PoseStamped) -> None:
-        self._keep(self._poses, _stamp(message), message)
-
-    def _take_manifest(self, message: DiagnosticArray) -> None:
-        values = {pair.key: pair.value for pair in message.status[0].values}
-        run, number = int(values["run"]), int(values["solution"])
-        if number > 0:  # 0 withdraws those of the run before
-            manifest = values, message.status[0].message, _stamp(message)
-            self._keep(self._manifests, (run, number), manifest)
+        return solution_of(manifest, pose, trajectory, retreat, self.validity(run, number))
 
     def _take_status(self, message: DiagnosticStatus) -> None:
         self._status_at = time.monotonic()
         self._status = Status.of(message)
         self._news.tell()
 
-    def _keep(self, kept: dict[Any, T], key: object, message: T) -> None:
+    def _keep(self, topic: str, message: Any) -> None:
+        if topic == "solution":
+            values = {pair.key: pair.value for pair in message.status[0].values}
+            key: Any = (int(values["run"]), int(values["solution"]))
+            if key[1] == 0:  # it withdraws those of the run before
+                return
+        else:
+            key = _stamp(message) if topic == "placement_pose" else message.header.frame_id
+        kept = self._parts[topic]
         with self._lock:
             kept[key] = message
             while len(kept) > KEPT:

@@ -10,7 +10,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Generator
-from contextlib import closing, suppress
+from contextlib import closing
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -27,7 +27,6 @@ class News:
     def __init__(self) -> None:
         self._heard = threading.Condition()
         self._count = 0
-        self._listeners: list[Callable[[], None]] = []
 
     @property
     def count(self) -> int:
@@ -39,38 +38,19 @@ class News:
         with self._heard:
             self._count += 1
             self._heard.notify_all()
-            for listener in self._listeners:
-                listener()
 
     def wait(self, count: int, until: float) -> None:
         """Until `count` is another, or that time has come."""
         with self._heard:
-            self._heard.wait_for(lambda: self._count != count, _seconds(until))
-
-    async def wait_async(self, count: int, until: float) -> None:
-        """The same in asyncio."""
-        loop, heard = asyncio.get_running_loop(), asyncio.Event()
-
-        def wake() -> None:
-            with suppress(RuntimeError):  # a loop that was closed meanwhile
-                loop.call_soon_threadsafe(heard.set)
-
-        with self._heard:
-            if self._count != count:
-                return
-            self._listeners.append(wake)
-        try:
-            # Not wait_for, which in Python 3.11 loses a cancellation that comes with the news.
-            with suppress(TimeoutError):
-                async with asyncio.timeout(_seconds(until)):
-                    await heard.wait()
-        finally:
-            with self._heard:
-                self._listeners.remove(wake)
+            seconds = max(0.0, min(until - time.monotonic(), LONGEST))
+            self._heard.wait_for(lambda: self._count != count, seconds)
 
 
-def _seconds(until: float) -> float:
-    return max(0.0, min(until - time.monotonic(), LONGEST))
+def wait_until(what: Callable[[], T | None], end: float) -> Steps[T | None]:
+    """Steps until something is there, which they give, or that time has come: None."""
+    while (found := what()) is None and time.monotonic() < end:
+        yield end
+    return found
 
 
 def finish(steps: Steps[T], news: News) -> T:
@@ -109,7 +89,7 @@ async def finish_async(steps: Steps[T], news: News) -> T:
                 return result
             interruption = None
             try:
-                await news.wait_async(count, until)
+                await asyncio.to_thread(news.wait, count, until)
             except BaseException as raised:
                 interruption = raised
 

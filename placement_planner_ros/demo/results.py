@@ -19,7 +19,7 @@ from placement_planner_ros.pictures.animation import (
     draw_before_and_after,
 )
 from placement_planner_ros.pictures.picture import draw_objective
-from placement_planner_ros.pictures.stage_set import StageSet
+from placement_planner_ros.pictures.stage_set import Leg, StageSet
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.progress import ProgressLine
 
@@ -66,9 +66,10 @@ def write_results(
     )
     try:
         line.show("  drawing the picture", always=True)
-        hand = setting.arm(best.arm).touch_links
         body = setting.vertices, setting.triangles
-        shown = StageSet(playback_of(setting, best), setting.robot, hand, setting.scene, body)
+        way, hand = playback_of(setting, best), setting.arm(best.arm).touch_links
+        leg = Leg.played("the object", *body, setting.robot, way)
+        shown = StageSet(setting.scene, setting.robot, hand, [leg])
         draw_before_and_after(
             placement, shown, f"{setting.title}: {objective} {best.objective:.4f}"
         )

@@ -18,12 +18,13 @@ from trajectory_msgs.msg import JointTrajectory
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.demo.errors import DemoError
-from placement_planner_ros.demo.physics.carrying_out import CarryingOut, Look
+from placement_planner_ros.demo.physics.carrying_out import CarryingOut
 from placement_planner_ros.demo.physics.model import SimulatedThing
 from placement_planner_ros.demo.physics.outcome import CarryOutcome, apart
 from placement_planner_ros.demo.results import pose_of
 from placement_planner_ros.demo.search import BUSY, PAGE, Found, search, wait_until_ready
 from placement_planner_ros.demo.setting import Setting
+from placement_planner_ros.pictures.stage_set import Look
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.grasped_object import GraspedObject

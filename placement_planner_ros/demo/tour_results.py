@@ -10,12 +10,9 @@ import numpy as np
 
 from placement_planner_ros.demo.results import unwritten
 from placement_planner_ros.demo.tour import Stop, Tour
-from placement_planner_ros.demo.tour_picture import (
-    Leg,
-    TourStage,
-    draw_tour,
-    draw_tour_animation,
-)
+from placement_planner_ros.demo.tour_picture import draw_tour
+from placement_planner_ros.pictures.animation import draw_animation
+from placement_planner_ros.pictures.stage_set import Leg, StageSet
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.share import PACKAGE
 
@@ -82,7 +79,7 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
             Leg(stop.name, stop.thing.name, stop.thing.vertices, stop.thing.triangles, stop.looks)
             for stop in tour.stops
         ]
-        stage = TourStage(setting.scene, setting.robot, hands, legs)
+        stage = StageSet(setting.scene, setting.robot, hands, legs)
         line.show("  drawing the picture", always=True)
         title = (
             f"{setting.scene.name.replace('_', ' ')}: four things put down, carried out by physics"
@@ -92,7 +89,7 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
         def told(done: int, count: int) -> None:
             line.show(f"  drawing the animation: {done} of {count} frames")
 
-        draw_tour_animation(animation, stage, told)
+        draw_animation(animation, stage, told)
     except OSError as error:
         raise unwritten(folder, error) from error
     line.clear()

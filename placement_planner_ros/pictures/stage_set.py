@@ -1,105 +1,204 @@
-"""The stage of a motion: scene, object, and a view in which little hides it."""
+"""The stage of a motion: scene, robot and things, and a view in which little hides these."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.picture import (
+    HAND,
     OVERSAMPLING,
-    PLACED,
     VOLUME,
     RobotShapes,
     Triangles,
     box_corners,
     hiding,
     moved,
-    see_through,
     translucent,
 )
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
-from placement_planner_ros.playback import Playback, PlaybackMoment
+from placement_planner_ros.playback import CARRIED, Playback
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
 from placement_planner_ros.scenes.single_mesh import ring_triangles
 
-WIDTH, HEIGHT = 720, 540
-"""Pixels of a picture once it is averaged."""
-PATH: Colour = (0.95, 0.55, 0.05)
-_PATH_RADIUS, _EDGE_RADIUS = 0.003, 0.0015
-"""m, of the tubes that the path and the edges of V are drawn as."""
-_NEAR = 0.12
-"""m around V and the object's path within which the scene and the robot have to be seen."""
+SIZE = (720, 514)
+"""Pixels of a picture once it is averaged, without its words."""
+COLOURS: tuple[Colour, ...] = (
+    (0.15, 0.70, 0.25),
+    (0.15, 0.45, 0.90),
+    (0.65, 0.25, 0.80),
+    (0.98, 0.78, 0.10),
+)
+"""Of the things, one after the other, and of the ways that they are carried."""
+_WAY_RADIUS, _EDGE_RADIUS = 0.003, 0.0015
+"""m, of the tubes that ways and the edges of V are drawn as."""
+_AROUND_M = 0.1
+"""What a picture holds of robot and scene around V and the ways."""
+_LOOK_PERIOD = 0.02
+"""Seconds from look to look at a motion that is played."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """All at one moment.
+
+    Attributes:
+        stage: what is being done: those of `Playback`, or for people.
+        time: seconds since the beginning.
+        q: (nq,) of the robot.
+        places: T_world_thing by name.
+    """
+
+    stage: str
+    time: float
+    q: Array
+    places: Mapping[str, pin.SE3]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """One thing put down.
+
+    Attributes:
+        name: for people.
+        key: by which looks name the thing.
+        vertices, triangles: (n, 3) and (t, 3) in its frame.
+        looks: at each moment, the last at what has come of it.
+    """
+
+    name: str
+    key: str
+    vertices: Array
+    triangles: Triangles
+    looks: Sequence[Look]
+
+    @classmethod
+    def played(
+        cls, name: str, vertices: Array, triangles: Triangles, robot: Robot, motion: Playback
+    ) -> Leg:
+        """A solution's motion."""
+        count = 1 + int(np.ceil(motion.duration / _LOOK_PERIOD))
+        looks = []
+        for time in np.linspace(0.0, motion.duration, count).tolist():
+            at = motion.at(time)
+            q = robot.configuration(at.positions)
+            looks.append(Look(at.stage, time, q, {name: at.T_world_object}))
+        return cls(name, name, vertices, triangles, looks)
+
+    @property
+    def carried(self) -> list[Look]:
+        """Those while it is in the hand."""
+        return [look for look in self.looks if look.stage in CARRIED]
+
+    @property
+    def way(self) -> Array:
+        """(n, 3) where the thing's origin is carried along."""
+        return np.array([look.places[self.key].translation for look in self.carried])
 
 
 class StageSet:
-    """A scene with a robot and an object in motion, ready to be drawn at any moment.
+    """A scene in which things are put down, ready to be drawn at any look.
 
     Args:
         hand_links: links in the darker colour.
-        body: vertices (n, 3) and triangles (t, 3) of the object in its own frame.
+        legs: in order.
     """
 
     def __init__(
-        self,
-        motion: Playback,
-        robot: Robot,
-        hand_links: Sequence[str],
-        scene: Scene,
-        body: tuple[Array, Triangles],
+        self, scene: Scene, robot: Robot, hand_links: Sequence[str], legs: Sequence[Leg]
     ) -> None:
-        self.motion, self._body = motion, body
-        self._robot, self._shapes = robot, RobotShapes(robot, hand_links)
-        self._things = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
-        first, last = motion.at(0.0), motion.at(motion.duration)
-        shown = self._shown(scene.volume)
-        moments = [last, last, first, *(motion.at(s * motion.duration) for s in (0.4, 0.7))]
-        self.view = self._best_view(shown, moments)
-        placed = moved(body[0], last.T_world_object)
-        self._things = see_through(self.view, placed, self._things)
-        self._link_hides = hiding(self.view, placed, self._links(last))
-        solid = [mesh for mesh in self._things if mesh.alpha == 1.0]
-        marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
-        self._behind = render(self.view, joined([*solid, *marks]))
+        self.legs = legs
+        self._colours = {leg.key: COLOURS[k % len(COLOURS)] for k, leg in enumerate(legs)}
+        self._robot = RobotShapes(robot, hand_links)
+        self._parts = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
+        self._ways = [tube(leg.way, _WAY_RADIUS, self._colours[leg.key]) for leg in legs]
+        self._edges = volume_edges(scene.volume)
+        self._points = self._shown(scene)
+        self._direction = best_direction(self._points, self._scored())
+        self._show(SIZE)
 
-    def draw(self, moment: PlaybackMoment) -> Image:
-        """The picture of that moment."""
-        links = translucent(self._links(moment), self._link_hides)
-        glass = [mesh for mesh in self._things if mesh.alpha < 1.0]
-        return render(self.view, [*joined(links), self._thing(moment), *glass], self._behind)
+    def sized(self, size: tuple[int, int]) -> StageSet:
+        """The same from the same side, of so many pixels."""
+        other = copy(self)
+        other._show(size)
+        return other
 
-    def _links(self, moment: PlaybackMoment) -> list[Mesh]:
-        return self._shapes.at(self._robot.configuration(moment.positions))
+    def _show(self, size: tuple[int, int]) -> None:
+        width, height = (OVERSAMPLING * side for side in size)
+        self.view = Viewpoint.around(self._points, *self._direction, width, height)
+        parts = translucent(self._parts, self._hides(self.view))
+        self._glass = [part for part in parts if part.alpha < 1.0]
+        solid = [part for part in parts if part.alpha == 1.0]
+        self._behind = render(self.view, joined([*solid, *self._edges]))
+        self._link_hides = [self._hidden_by_links(leg.looks[-1]) for leg in self.legs]
 
-    def _thing(self, moment: PlaybackMoment) -> Mesh:
-        return Mesh(moved(self._body[0], moment.T_world_object), self._body[1], PLACED)
+    def draw(self, leg: int, look: Look, all_ways: bool = False) -> Image:
+        """The picture of that moment of a leg, with its way, or with those of all legs."""
+        links = translucent(self._robot.at(look.q), self._link_hides[leg])
+        ways = self._ways if all_ways else [self._ways[leg]]
+        shown = [*joined(links), *ways, *self._things(look), *self._glass]
+        return render(self.view, shown, self._behind)
 
-    def _shown(self, volume: TargetVolume) -> Array:
+    def _things(self, look: Look) -> list[Mesh]:
+        return [
+            Mesh(moved(leg.vertices, look.places[leg.key]), leg.triangles, self._colours[leg.key])
+            for leg in self.legs
+            if leg.key in look.places
+        ]
+
+    def _hidden_by_links(self, look: Look) -> list[bool]:
+        """Which links stand before a thing at last."""
+        links = self._robot.at(look.q)
+        hides = [hiding(self.view, thing.vertices, links) for thing in self._things(look)]
+        return np.any(hides, axis=0).tolist()
+
+    def _shown(self, scene: Scene) -> Array:
         """(n, 3) points that the picture has to hold."""
-        motion = self.motion
-        first, last = motion.at(0.0), motion.at(motion.duration)
-        must = [box_corners(volume.lower, volume.upper), motion.path()]
-        must += [self._thing(moment).vertices for moment in (first, last)]
-        meshes = [*self._things, *self._links(first), *self._links(last)]
-        return with_surroundings(np.vstack(must), meshes, _NEAR)
+        must = [box_corners(scene.volume.lower, scene.volume.upper)]
+        must += [leg.way for leg in self.legs]
+        must += [moved(leg.vertices, leg.looks[0].places[leg.key]) for leg in self.legs]
+        first = self._robot.at(self.legs[0].looks[0].q)
+        must += [link.vertices for link in first if link.colour == HAND]
+        robot = [link for leg in self.legs for link in self._robot.at(leg.looks[-1].q)]
+        return with_surroundings(np.vstack(must), [*robot, *self._parts], _AROUND_M)
 
-    def _best_view(self, shown: Array, moments: Sequence[PlaybackMoment]) -> Viewpoint:
-        """The one in which most of the object, over the moments, and of its way is seen."""
-        path = tube(self.motion.path(), _PATH_RADIUS, PATH)
-        scenes = [(joined(self._links(moment)), self._thing(moment)) for moment in moments]
+    def _scored(self) -> Callable[[Viewpoint], float]:
+        """How much robot and scene leave to be seen of things, halfway and where they stand, and
+        of their ways; the scene, which can be drawn see-through, counts for half."""
+        last = self._things(self.legs[-1].looks[-1])
+        parts, compared = joined(self._parts), []
+        for leg, stands, way in zip(self.legs, last, self._ways, strict=True):
+            halfway = leg.carried[2 * len(leg.carried) // 3]
+            links = [joined(self._robot.at(look.q)) for look in (halfway, leg.looks[-1])]
+            others = [other for other in last if other is not stands]
+            held = self._things(halfway)[-1]
+            compared.append((links, held, [*links[1], *others], stands, way))
 
         def score(view: Viewpoint) -> float:
-            behind = render(view, joined(self._things))
-            seen = [seen_share(view, behind, *scene) for scene in scenes]
-            way = [seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
-            return float(np.mean(seen) + np.mean(way))
+            behind = render(view, parts)
+            seen = []
+            for links, held, others, stands, way in compared:
+                seen.append(seen_share(view, None, links[0], held))
+                seen.append(seen_share(view, None, others, stands))
+                seen.append(0.5 * seen_share(view, None, links[0], way))
+                seen.append(0.5 * seen_share(view, behind, [], stands))
+            return float(np.sum(seen)) / len(compared)
 
-        direction = best_direction(shown, score)
-        return Viewpoint.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
+        return score
+
+    def _hides(self, view: Viewpoint) -> list[bool]:
+        """Which parts of the scene stand before a thing at its place or on its way."""
+        shown = [thing.vertices for thing in self._things(self.legs[-1].looks[-1])]
+        shown += [leg.way for leg in self.legs]
+        return np.any([hiding(view, points, self._parts) for points in shown], axis=0).tolist()
 
 
 def with_surroundings(points: Array, meshes: Sequence[Mesh], margin: float) -> Array:

@@ -70,6 +70,8 @@ def pictures(scene: str, thing: str, play: bool) -> list[bytes]:
             with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
                 planner.wait_until_ready(900.0)
                 run = planner.start({"time_limit": 0.0}, patience=60.0)
+                while planner.improvement(run) is None:
+                    time.sleep(0.2)
                 time.sleep(SECONDS)
                 best = planner.stop(run)
             with Browser(logs / "profile", *SIZE) as browser:

@@ -22,7 +22,7 @@ from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.physics import carrying_out
 from placement_planner_ros.demo.search import Found
 from placement_planner_ros.demo.setting import TOUR, bundled
-from placement_planner_ros.pictures import picture
+from placement_planner_ros.pictures import animation, picture, stage_set
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import start_configuration, yumi_arm
@@ -183,10 +183,10 @@ def test_a_refusal_is_said_in_the_nodes_words(setting, monkeypatch):
 
 
 def test_it_leaves_a_table_a_picture_and_an_animation(toured, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(drawing, "best_direction", lambda points, score: (0.5, 0.6))
-    monkeypatch.setattr(drawing, "_MOST_FRAMES", 6)
+    monkeypatch.setattr(stage_set, "best_direction", lambda points, score: (0.5, 0.6))
+    monkeypatch.setattr(animation, "_MOST_FRAMES", 3)
     monkeypatch.setattr(drawing, "_PICTURE_SIZE", (440, 300))
-    for each in (drawing, picture):
+    for each in (stage_set, picture):
         monkeypatch.setattr(each, "OVERSAMPLING", 1)
     written = tour_results.write_tour(tmp_path, toured.tour, ProgressLine())
     assert [path.name for path, _ in written] == ["tour.png", "tour.gif", "tour.md"]
@@ -230,6 +230,6 @@ def test_only_what_a_tour_alone_needs_imports_mujoco():
 
     users = importing(r"demo\.physics")
     direct = {name for name in users if not name.startswith("demo.physics.")}
-    assert direct == {"demo.tour_picture", "demo.tour"}
+    assert direct == {"demo.tour"}
     assert importing(*direct) - direct == {"demo.tour_results"}
     assert importing(r"demo\.tour_results") == set()

@@ -159,7 +159,8 @@ class Browser:
             "field.focus(); field.select(); return true})()"
         )
         self.do("Input.insertText", text=after)
-        assert after in self.fields, self.fields
+        for kind in ("keyDown", "keyUp"):
+            self.do("Input.dispatchKeyEvent", type=kind, key="Enter", windowsVirtualKeyCode=13)
         self._send()
 
     def _send(self):

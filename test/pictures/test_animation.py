@@ -9,12 +9,13 @@ from PIL import Image
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.pictures.animation import (
+    TITLE,
     draw_animation,
     draw_before_and_after,
     frames_and_speed,
 )
 from placement_planner_ros.pictures.picture import PLACED
-from placement_planner_ros.pictures.stage_set import HEIGHT, WIDTH, StageSet, tube
+from placement_planner_ros.pictures.stage_set import SIZE, Leg, StageSet, tube
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
@@ -54,8 +55,8 @@ def motion():
 
 
 def shown_in(motion, *sides):
-    body = OBJECT.vertices, OBJECT.triangles
-    return StageSet(motion, ROBOT, ARM.touch_links, around(motion, *sides), body)
+    leg = Leg.played("crayons", OBJECT.vertices, OBJECT.triangles, ROBOT, motion)
+    return StageSet(around(motion, *sides), ROBOT, ARM.touch_links, [leg])
 
 
 def around(motion, *sides):
@@ -86,7 +87,7 @@ def test_the_view_is_from_where_nothing_stands_before_the_object(motion, free):
 
 def test_the_object_is_seen_where_it_stands_in_the_end(motion):
     shown = shown_in(motion)
-    colours = shown.draw(motion.at(motion.duration)).colours
+    colours = shown.draw(0, shown.legs[0].looks[-1]).colours
     u, v, _ = shown.view.project(motion.T_world_placed.translation[None])[0]
     seen = colours[int(v), int(u)]
     np.testing.assert_allclose(seen / seen.max(), np.array(PLACED) / max(PLACED), atol=0.02)
@@ -113,10 +114,10 @@ def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
     draw_before_and_after(still, shown, "title")
     draw_animation(moving, shown)
     halves = np.asarray(Image.open(still).convert("RGB"), dtype=float)
-    left, right = halves[120:-90, : WIDTH - 10], halves[120:-90, -WIDTH + 10 :]
+    left, right = halves[120:-90, : SIZE[0] - 10], halves[120:-90, -SIZE[0] + 10 :]
     assert np.abs(left - right).max(axis=2).mean() > 2.0
     animation = Image.open(moving)
-    assert animation.size == (WIDTH, HEIGHT)
+    assert animation.size == (SIZE[0], SIZE[1] + TITLE)
     assert moving.stat().st_size < 3_000_000
     assert animation.n_frames >= motion.duration / 0.1
     played = 0.0
@@ -127,7 +128,7 @@ def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
 
 
 def test_long_motions_are_shown_faster_and_short_ones_in_real_time():
-    assert frames_and_speed(4.0) == (51, 1.0)
-    count, speed = frames_and_speed(60.0)
+    assert frames_and_speed(4.0, 90) == (51, 1.0)
+    count, speed = frames_and_speed(60.0, 90)
     assert count <= 90
     assert (count - 1) * 0.08 * speed == pytest.approx(60.0)

@@ -6,7 +6,7 @@ between two points of the trajectory. The thing is fixed in the hand until that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from placement_planner_ros.core.timing.quintic import evaluate_trajectory
 from placement_planner_ros.core.types import Array, Trajectory
 from placement_planner_ros.demo.physics.model import TIME_STEP, SimulatedThing, WeldedObject
 from placement_planner_ros.demo.physics.world import PhysicsContact, PhysicsWorld
+from placement_planner_ros.pictures.stage_set import Look
+from placement_planner_ros.playback import CARRIED
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 
 _RESTING, _OPENING, _LOOKING = 0.3, 0.6, 1.5
@@ -28,24 +30,7 @@ _STIFFNESS, _DAMPING = 125.0**2, 2.0 * 125.0
 """1/s² and 1/s of the drives: critically damped at 20 Hz."""
 _UPWARD = np.deg2rad(45.0)
 """What presses on a thing within this of the vertical may carry it; else it was struck."""
-CARRY, DOWN, LET_GO, DRAW_BACK, STAND = "carry", "way down", "let go", "draw back", "stand"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """All at one moment.
-
-    Attributes:
-        stage: what is being done, for people.
-        time: seconds since the beginning.
-        q: (nq,) of the robot.
-        places: T_world_thing by name.
-    """
-
-    stage: str
-    time: float
-    q: Array
-    places: Mapping[str, pin.SE3]
+CARRY, DOWN, LET_GO, DRAW_BACK, STAND = *CARRIED, "release", "retreat", "stand"
 
 
 @dataclass(slots=True, eq=False)
