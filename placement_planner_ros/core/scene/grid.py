@@ -8,7 +8,6 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -213,27 +212,6 @@ class ObstacleSet:
         ]
         old = np.zeros(len(self), np.bool_) if self.barred is None else self.barred
         return replace(self, barred=_read_only(old | np.isin(keys[0], keys[1])))
-
-    def sheared(self, slope: Slope, lower: float, upper: float, through: float) -> ObstacleSet:
-        """The same points with z - slope · (x, y) in place of z.
-
-        A plane of that slope is level there, and what is upright stays so. Columns of cells are the
-        same.
-
-        Args:
-            lower, upper: what is lower or higher then is left out, metres.
-            through: this height comes to lie in the middle of a layer of cells, metres.
-        """
-        size = self.cell_size
-        points = self.points.astype(np.float64)
-        points[:, 2] -= points[:, :2] @ np.array(slope)
-        low, high = (np.array(corner) for corner in self.bounds)
-        low[2] = through - (math.ceil((through - lower) / size) + 0.5) * size
-        high[2] = max(upper, low[2] + size)
-        layers = int((high[2] - low[2]) / size) + 1
-        shape = (self.shape[0], self.shape[1], layers)
-        bins = sort_into_cells(points, low, size, shape, low, high)
-        return self._of(bins, low, shape, GridSettings(cell_size=size), self.noise)
 
     def tops(self, slope: Slope = LEVEL) -> Array:
         """(m,) how high each box reaches in z - slope · (x, y), metres; infinite where nothing

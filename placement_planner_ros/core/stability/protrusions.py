@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stability.coplanarity import LEANS
 from placement_planner_ros.core.types import Array, Slope
@@ -19,11 +17,6 @@ _RISES = 1.6
 """Times the noise of heights by which single surfaces under an object may be above their plane."""
 _LEVEL = 2e-4
 """m by which heights of one level surface may differ."""
-_FEW, _ALONE = 4, 3.0
-"""Surfaces of fewer points than that lie as these were measured: times the noise, over the root of
-their number, by which they may be above it."""
-_BESIDE = 0.0025
-"""m, half of what points that touch are apart: what lies so near to one is under the object."""
 
 
 class Protrusions:
@@ -48,11 +41,8 @@ class Protrusions:
         self._environment = environment
         inward = [face.T_face_object.inverse() for face in faces]
         self._inward = np.array([T.homogeneous for T in inward]).reshape(-1, 4, 4)
-        corners = [face.vertices - T.translation for face, T in zip(faces, inward, strict=True)]
-        self._reach = np.array([np.linalg.norm(each, axis=1).max() for each in corners])
         self._touching = functools.cache(touching)
         self._tolerance = tolerance
-        self._heights: dict[Slope, Array] = {}
 
     def lift(
         self,
@@ -76,98 +66,12 @@ class Protrusions:
             noise: (n,) m, of heights.
         """
         support = self._environment.support_of(slope)
-        if slope not in self._heights:
-            self._heights[slope] = np.sort(support.height)
-        excused = _RISES * noise
-        low = 0.5 * LEANS * widths + planes[:, 0] + excused + _LEVEL
+        low = 0.5 * LEANS * widths + planes[:, 0] + _RISES * noise + _LEVEL
         frames = T @ self._inward[faces]
-        z = frames[:, 2, 3] - slope[0] * frames[:, 0, 3] - slope[1] * frames[:, 1, 3]
-        least = z + low - self._reach[faces] * (np.abs(planes[:, 1]) + np.abs(planes[:, 2]))
-        heights = self._heights[slope]
-        found = heights.searchsorted(z + self._tolerance, "right") > heights.searchsorted(least)
-        rows = np.flatnonzero(found)
-        for face in np.unique(faces[rows]):
-            on = rows[faces[rows] == face]
-            found[on] = _rise(
-                self._touching(int(face)),
-                on,
-                frames,
-                slope,
-                low,
-                planes,
-                excused,
-                _ALONE * support.noise,
-                self._tolerance,
-                support.origin,
-                support.cell_size,
-                support.columns,
-                support.start,
-                support.height,
-                support.rectangle,
-                support.first,
-            )
-        return np.asarray(found)
-
-
-@kernel(nogil=True)
-def _rise(
-    touching: Array,
-    on: npt.NDArray[np.int64],
-    frames: Array,
-    slope: tuple[float, float],
-    low: Array,
-    planes: Array,
-    excused: Array,
-    alone: float,
-    high: float,
-    origin: Array,
-    size: float,
-    shape: tuple[int, int],
-    start: npt.NDArray[np.int64],
-    height: Array,
-    rectangle: Array,
-    first: npt.NDArray[np.int64],
-) -> npt.NDArray[np.bool_]:
-    """(m,) whether some surface lies above the plane that an object stands on, and under it.
-
-    Args:
-        touching: (k, 2) points of the object that lie in its contact plane, in a frame there.
-        on: (m,) which of n objects are asked about.
-        frames: (n, 4, 4) those of the contact planes, in the world.
-        slope: of the contact planes.
-        low: (n,) m above each, at the origin of its frame, from which on a surface counts.
-        planes: (n, 3) of which the last two are by how much more that is along the axes.
-        high: m above the contact plane up to which it does.
-        excused: (n,) m of that for noise.
-        alone: m that it is for a surface of one point, where that is more.
-        origin, size, shape, start, height, rectangle, first: of the `SupportMap` for that slope.
-    """
-    result = np.zeros(len(on), np.bool_)
-    for row in range(len(on)):
-        n = on[row]
-        T = frames[n]
-        for k in range(len(touching)):
-            a, b = touching[k, 0], touching[k, 1]
-            x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
-            y = T[1, 0] * a + T[1, 1] * b + T[1, 3]
-            i, j = math.floor((x - origin[0]) / size), math.floor((y - origin[1]) / size)
-            if not (0 <= i < shape[0] and 0 <= j < shape[1]):
-                continue
-            z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
-            from_there = low[n] + planes[n, 1] * a + planes[n, 2] * b
-            column = i * shape[1] + j
-            for s in range(start[column], start[column + 1]):
-                above = height[s] - z
-                least, number = from_there, max(1, first[s + 1] - first[s])
-                if number < _FEW:
-                    least += max(0.0, alone / math.sqrt(number) - excused[n])
-                if (
-                    least < above <= high
-                    and rectangle[s, 0] - _BESIDE <= x <= rectangle[s, 2] + _BESIDE
-                    and rectangle[s, 1] - _BESIDE <= y <= rectangle[s, 3] + _BESIDE
-                ):
-                    result[row] = True
-                    break
-            if result[row]:
-                break
-    return result
+        found = np.zeros(len(T), np.bool_)
+        for face in np.unique(faces):
+            on = np.flatnonzero(faces == face)
+            points = self._touching(int(face))
+            if len(points):
+                found[on] = support.rising(points, frames[on], low[on], planes[on], self._tolerance)
+        return found

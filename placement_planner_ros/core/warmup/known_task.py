@@ -112,7 +112,7 @@ class KnownTask:
         gradient(objective, _pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
-        support.roomy(0.0, 0.003, 0.05)
+        support.supported(np.zeros((1, 3)), 0.003, 0.05)
         one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
         rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
         none = np.zeros(1)
