@@ -19,11 +19,11 @@ from placement_planner_ros.core.types import Array
 
 TILE_M = 0.03
 """m, side of the tiles whose spacing is judged, each with the eight around it."""
-GROWTH = 1.4
+GROWTH = 1.25
 """By this factor the radius grows from one look to the next that the closed area is compared at."""
 WIDEST = 1.6
 """Times the radius at which the area stays, that the widest disc by chance has."""
-STAYS = 1.35
+STAYS = 1.2
 """Times that the closed area may grow in between, to have stayed."""
 AREA_PER_POINT = 0.15
 """Times the radius' square that the closed area of each point is, at least: else they are apart."""

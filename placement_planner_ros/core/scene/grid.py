@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene import denoising, sparse, tight_boxes
+from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
@@ -159,9 +159,7 @@ class ObstacleSet:
         bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
         noise = 0.0
         if len(bins.cells):
-            bins, noise, doubtful = _cleaned(bins, origin, settings, shape, lower, upper)
-            made = cls._of(bins, origin, shape, settings, noise)
-            return made.without_footing(doubtful) if len(doubtful) else made
+            bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
         return cls._of(bins, origin, shape, settings, noise)
 
     @classmethod
@@ -398,12 +396,8 @@ def _cleaned(
     shape: tuple[int, int, int],
     lower: Array,
     upper: Array,
-) -> tuple[Bins, float, npt.NDArray[np.int32]]:
-    """Drop flying pixels and, in a noisy cloud, project the points.
-
-    Returns:
-        The points; the noise, metres; cells (k, 3) on which nothing is to stand.
-    """
+) -> tuple[Bins, float]:
+    """Drop flying pixels and, in a noisy cloud, project the points; these and the noise, metres."""
     size = settings.cell_size
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
@@ -413,14 +407,9 @@ def _cleaned(
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
     noise = denoising.estimate_noise(bins, origin, size)
-    if noise is None:  # few points in 27 cells
-        smooth = sparse.smoothed(bins, origin, size, settings.noise_floor, min_points, lower, upper)
-        if smooth is None:
-            return bins, 0.0, bins.cells[:0]
-        return sort_into_cells(smooth[0], origin, size, shape, lower, upper), *smooth[1:]
     if noise <= settings.noise_floor:
-        return bins, 0.0, bins.cells[:0]
+        return bins, 0.0
     for _ in range(2):  # the second time from planes that the first has made sharper
         points = denoising.project(bins, origin, size, noise, min_points, lower, upper)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    return bins, noise, bins.cells[:0]
+    return bins, noise

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter, uniform_filter
 
-from placement_planner_ros.core.scene.granulometry import chance_radius
+from placement_planner_ros.core.scene.granulometry import TILE_M, chance_radius
 from placement_planner_ros.core.scene.transforms import (
     Field,
     distance_to_points,
@@ -38,16 +38,19 @@ NOISY = 1.3
 """Times as wide are discs that chance explains where noise moves points sideways."""
 BESIDE_A_THING = 0.75
 """Widest discs by chance from what rises within which points are taken for its foot."""
-BELOW_M = 0.010
-"""m below a layer down to which points are of flanks of what carries."""
 PASSED_M, PASSED_NOISES = 0.005, 6.0
 """m, and standard deviations of the noise more, below a layer from which on a ray has passed it."""
 PIXEL_M = 0.001, 0.0025
 """m, sides of the finest and of the coarsest pixels."""
 FINEST_PIXELS = 60_000
 """Pixels of a layer up to which they are as fine as the spacing of its points asks for."""
-CHANCE_M = 0.002, 0.016
-"""m, radii of the narrowest and the widest disc without points that chance explains."""
+NARROWEST_M, WIDEST_M = 0.002, 0.016
+"""m, radii of the narrowest and of the widest disc without points that chance may explain."""
+HOLE_M = 0.004
+"""m, radius of the widest one where no rays tell: through what is wider a leg falls."""
+SURE_RAYS = 12
+"""Rays that ended about a place on the surface for each that passed it, to tell that it is whole:
+if a quarter of it were open, three in a hundred times that many would by chance."""
 AROUND_M = 0.5
 """m around V in which layers are known."""
 HEIGHT_WINDOW_M = 0.025
@@ -144,10 +147,14 @@ class SlopeCloud:
         kept = kept[filled[i.clip(max=len(filled) - 1), j.clip(max=filled.shape[1] - 1)]]
         return points[kept], heights[kept], len(near)
 
-    def passed(self, height: float) -> Array:
-        """(n, 2) where rays that ended well below a height passed it."""
+    def rays(self, height: float, band: float) -> tuple[Array, Array]:
+        """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
+        well below passed it."""
         below = height - PASSED_M - PASSED_NOISES * self.noise
-        return np.concatenate([np.zeros((0, 2)), *(s.passed(height, below) for s in self._sights)])
+        none = np.zeros((0, 2))
+        ended = [sight.ended(height - band, height + band) for sight in self._sights]
+        passed = [sight.passed(height, below) for sight in self._sights]
+        return np.concatenate([none, *ended]), np.concatenate([none, *passed])
 
 
 class _Sight:
@@ -156,14 +163,21 @@ class _Sight:
     def __init__(self, view: View, slope: Slope) -> None:
         along = np.array(slope)
         points = view.points[np.isfinite(view.points).all(axis=1)]
-        self._origin, self._ends = view.origin[:2], points[:, :2]
-        self._from = float(view.origin[2] - view.origin[:2] @ along)
-        self._heights = points[:, 2] - points[:, :2] @ along
+        self._origin = view.origin[:2]
+        self._from = float(view.origin[2] - self._origin @ along)
+        heights = points[:, 2] - points[:, :2] @ along
+        order = np.argsort(heights)
+        self._ends, self._heights = points[order, :2], heights[order]
+
+    def ended(self, low: float, high: float) -> Array:
+        """(n, 2) ends between two heights."""
+        return self._ends[slice(*self._heights.searchsorted((low, high)))]
 
     def passed(self, height: float, below: float) -> Array:
+        """(n, 2) where rays crossed a height that ended below another."""
         if self._from <= height:
             return np.zeros((0, 2))
-        rows = np.flatnonzero(self._heights < below)
+        rows = slice(self._heights.searchsorted(below))
         share = (self._from - height) / (self._from - self._heights[rows])
         return self._origin + share[:, None] * (self._ends[rows] - self._origin)
 
@@ -223,20 +237,19 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         return None
     rise_from = max(band, RISE_FROM_M)
     over, over_heights = cloud.between(height + rise_from, height + headroom)
-    raster = _Raster(on, _pixel(cloud, on, tops), CHANCE_M[1] + 2.0 * PIXEL_M[1])
+    raster = _Raster(on, _pixel(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
     pixel = raster.pixel
     near = raster.at(over[over_heights <= height + rise_from + RISE_TO_M - RISE_FROM_M])
     at, rises = raster.at(on), raster.middles(near)
     middles = raster.middles(at)
     # gaps that are wider than chance explains, as discs around their pixels
     to_point = raster.distance(np.vstack([middles, rises]))
-    radius, open_ = _gaps(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
-    gap = np.where(open_, to_point, np.float32(0.0))
-    if noise == 0.0:
-        _open_between_flanks(raster, cloud, height - band, to_point, at, gap)
-    passed = raster.middles(raster.at(cloud.passed(height)))
+    ended, passed = (raster.at(rays) for rays in cloud.rays(height, band))
+    radius = _chance(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
+    radius = np.where(_whole(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel))
+    gap = np.where(to_point > radius, to_point, np.float32(0.0))
     if len(passed):
-        i, j = (passed + 0.5).astype(np.int64).T
+        i, j = (raster.middles(passed) + 0.5).astype(np.int64).T
         gap[i, j] = np.maximum(gap[i, j], 0.5 * to_point[i, j])
     inside = _from_discs(raster, gap)
     # what is not beside what rises is surface, and gaps nearer to that are ends
@@ -270,31 +283,26 @@ def _pixel(cloud: SlopeCloud, points: Array, tops: int) -> float:
     if cloud.noise > 0.0:
         return PIXEL_M[1]
     spacing = cloud.cell_size * np.sqrt(tops / len(points))
-    area = float((np.ptp(points, axis=0) + 2.0 * CHANCE_M[1]).prod())
+    area = float((np.ptp(points, axis=0) + 2.0 * WIDEST_M).prod())
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
 
 
-def _gaps(
-    raster: _Raster, to_point: Field, at: Array, times: float = 1.0
-) -> tuple[Field, npt.NDArray[np.bool_]]:
-    """(nx, ny) pixels: the widest disc that is no gap; (nx, ny) whether one around a pixel is."""
+def _chance(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
+    """(nx, ny) pixels: the radius of the widest disc without points that chance may explain."""
     pixel = raster.pixel
-    widest = widest_empty_disc(to_point, CHANCE_M[1] / pixel + 1.0)
-    radius = chance_radius(widest * np.float32(pixel), at, pixel, *CHANCE_M)
-    radius = np.minimum(radius * np.float32(times), np.float32(CHANCE_M[1])) / np.float32(pixel)
-    return radius, to_point > radius
+    widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
+    radius = chance_radius(widest * np.float32(pixel), at, pixel, NARROWEST_M, WIDEST_M)
+    return np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
 
 
-def _open_between_flanks(
-    raster: _Raster, cloud: SlopeCloud, top: float, to_point: Field, at: Array, gap: Field
-) -> None:
-    """Rods show a row of points each, and flanks below: gaps between all of these are gaps too."""
-    flanks = raster.at(cloud.between(top - BELOW_M, top)[0])
-    if len(flanks) == 0:
-        return
-    to_any = np.minimum(to_point, raster.distance(raster.middles(flanks)))
-    _, open_ = _gaps(raster, to_any, np.vstack([at, flanks]))
-    np.maximum(gap, np.where(open_, to_any, np.float32(0.0)), out=gap)
+def _whole(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[np.bool_]:
+    """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
+    if len(ended) == 0:
+        return np.zeros(raster.shape, np.bool_)
+    on, through = (
+        raster.sums(raster.cells(at), np.ones(len(at)), 3.0 * TILE_M) for at in (ended, passed)
+    )
+    return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
 
 
 def _from_discs(raster: _Raster, gap: Field) -> Field:
@@ -347,5 +355,5 @@ def _roofed(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_
     above = raster.at(over)
     if len(above) == 0:
         return np.zeros(raster.shape, np.bool_)
-    widest = widest_empty_disc(raster.distance(raster.middles(above)), CHANCE_M[1] / raster.pixel)
+    widest = widest_empty_disc(raster.distance(raster.middles(above)), WIDEST_M / raster.pixel)
     return np.asarray(widest <= radius)

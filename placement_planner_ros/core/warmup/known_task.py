@@ -229,11 +229,6 @@ def _surroundings(
     seen = points[~flying_pixels(points, eye)]
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
     Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
-    # thinned, so that 27 cells hold few points
-    sparse = _level(0.15, 0.15, 0.0)
-    sparse = sparse[np.unique(np.floor(sparse / 0.009), axis=0, return_index=True)[1]]
-    sparse += 0.0005 * np.random.default_rng(1).normal(size=sparse.shape)
-    ObstacleSet.from_points(sparse)
     return Environment.from_points(points, volume, settings, None, bounds)
 
 

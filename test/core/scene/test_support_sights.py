@@ -52,7 +52,7 @@ def test_thin_bars_of_which_a_camera_sees_a_point_or_two_across_have_gaps(gap, a
     points = seen(grating, rng, pixel=0.004)
     in_gaps, on_bars = shares(support_of(points, SENSOR), grating, rng)
     assert in_gaps <= 0.002
-    assert on_bars >= 0.1
+    assert on_bars >= 0.09  # bars of little more than a pixel: what is safe to lose
 
 
 @pytest.mark.parametrize(("gap", "angle"), [(0.010, 0.0), (0.010, 0.4), (0.015, 1.2)])
@@ -75,14 +75,14 @@ def test_with_noise_nothing_stands_over_a_gap_that_points_alone_do_not_tell():
 
 
 @pytest.mark.parametrize(("noise", "missing"), [(0.0, 0.0), (0.002, 0.3)])
-def test_what_a_camera_missed_and_what_it_saw_beyond_the_edges_make_no_gap(noise, missing):
+def test_what_a_camera_missed_and_what_it_saw_beyond_the_edges_makes_no_gap(noise, missing):
     rng = np.random.default_rng(1)
     points = seen(solid, rng, noise, missing=missing)
     before, after = support_of(points), support_of(points, SENSOR)
     xy = rng.uniform(-0.85 * HALF, 0.85 * HALF, (4000, 2))
     supported = after.supported(at(xy), 0.004, 0.003)
-    np.testing.assert_array_equal(supported, before.supported(at(xy), 0.004, 0.003))
-    assert supported.mean() > 0.9
+    assert supported[before.supported(at(xy), 0.004, 0.003)].all()
+    assert supported.mean() > 0.97
 
 
 def test_a_surface_that_slopes_has_gaps_too():
