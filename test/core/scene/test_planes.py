@@ -7,11 +7,13 @@ from helpers.tilts import slope_of
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness, upright
 
 VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])
 BOUNDS = (np.array([-0.6, -0.6, -0.4]), np.array([0.6, 0.6, 0.6]))
 STEEPEST = 0.26
+SENSOR = np.array([0.1, -0.2, 1.5])
 
 
 def patch(lower, upper, slope, height=0.013, spacing=0.004, angle=0.0):
@@ -28,9 +30,9 @@ def environment_of(*patches, noise=0.0, max_slope=STEEPEST):
     points = np.vstack(patches)
     if noise:
         points = points + np.random.default_rng(0).normal(0.0, noise, points.shape)
-    return Environment.from_points(
-        points, VOLUME, regions=RegionSettings(max_slope=max_slope), bounds=BOUNDS
-    )
+    settings = RegionSettings(max_slope=max_slope)
+    sights = [View(points, SENSOR)]  # noise makes holes of 8 mm and more
+    return Environment.from_points(points, VOLUME, None, settings, BOUNDS, sights=sights)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.003])

@@ -251,10 +251,10 @@ def test_support_needs_surface_under_the_point_at_its_height():
 
 def test_thinly_sampled_surface_has_no_holes_but_a_slot_stays():
     rng = np.random.default_rng(4)
-    points = np.c_[rng.uniform(-0.3, 0.3, (20_000, 2)), np.zeros(20_000)]
+    points = np.c_[rng.uniform(-0.3, 0.3, (90_000, 2)), np.zeros(90_000)]
     _, support = regions_of(points)
     spots = np.c_[rng.uniform(-0.28, 0.28, (4000, 2)), np.zeros(4000)]
-    assert support.supported(spots, 0.001).mean() > 0.97
+    assert support.supported(spots, 0.001).mean() > 0.995
     dense = plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0), 0.002)
     slotted = dense[np.abs(dense[:, 0]) > 0.015]
     _, support = regions_of(slotted)

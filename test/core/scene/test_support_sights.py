@@ -82,7 +82,7 @@ def test_what_a_camera_missed_and_what_it_saw_beyond_the_edges_makes_no_gap(nois
     xy = rng.uniform(-0.85 * HALF, 0.85 * HALF, (4000, 2))
     supported = after.supported(at(xy), 0.004, 0.003)
     assert supported[before.supported(at(xy), 0.004, 0.003)].all()
-    assert supported.mean() > 0.97
+    assert supported.mean() > 0.9
 
 
 def test_a_surface_that_slopes_has_gaps_too():
