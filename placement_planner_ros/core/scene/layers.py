@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter, uniform_filter
 
-from placement_planner_ros.core.scene.granulometry import TILE_M, chance_radius
+from placement_planner_ros.core.scene.granulometry import TILE_M, WIDEST, chance_radius
 from placement_planner_ros.core.scene.transforms import (
     Field,
     distance_to_points,
@@ -51,12 +51,12 @@ HOLE_M = 0.004
 SURE_RAYS = 12
 """Rays that ended about a place on the surface for each that passed it, to tell that it is whole:
 if a quarter of it were open, three in a hundred times that many would by chance."""
-AROUND_M = 0.5
-"""m around V in which layers are known."""
+AROUND_M = 0.35
+"""m around V, in x and y, in which layers are known."""
+CLEAR_M = 0.1
+"""m below and above all surfaces in which points matter to their layers."""
 HEIGHT_WINDOW_M = 0.025
 """m, side of the square over which heights of noisy points are averaged."""
-STEP_M = 0.0004
-"""m between heights that points are sorted by."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
 BESIDE_M = 0.0025
@@ -110,25 +110,18 @@ class SlopeCloud:
     ) -> None:
         self.tops, self.cell_size = tops, cell_size
         near = _within(points[:, :2], volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M)
-        points = points[near].astype(np.float64)
         heights = points[:, 2] - points[:, :2] @ np.array(slope)
+        # no further below and above surfaces than anything is looked for there
+        low, high = np.min(tops[:, 2], initial=np.inf), np.max(tops[:, 2], initial=-np.inf)
+        near &= (heights > low - CLEAR_M) & (heights < high + CLEAR_M)
         self.slope, self.noise = slope, noise
-        self._low = float(np.min(heights, initial=0.0))
-        # small whole numbers are sorted in a part of the time
-        steps = np.minimum((heights - self._low) / STEP_M, 65535.0).astype(np.uint16)
-        order = np.argsort(steps, kind="stable")
-        self._steps = steps[order]
-        self._heights, self._points = heights[order], points[order, :2]
+        self._heights, self._points = heights[near], points[near, :2].astype(np.float64)
         self._sights = [_Sight(view, slope) for view in sights]
 
     def between(self, low: float, high: float) -> tuple[Array, Array]:
         """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
-        ends = [min(max((z - self._low) / STEP_M, 0.0), 65535.0) for z in (low, high)]
-        first = int(np.searchsorted(self._steps, np.uint16(ends[0])))
-        last = int(np.searchsorted(self._steps, np.uint16(ends[1]), "right"))
-        heights = self._heights[first:last]
-        kept = (heights > low) & (heights <= high)
-        return self._points[first:last][kept], heights[kept]
+        rows = np.flatnonzero((self._heights > low) & (self._heights <= high))
+        return self._points[rows], self._heights[rows]
 
     def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
         """`between` of the points no more than `band` from a height, in the columns of tops no more
@@ -259,7 +252,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
         to_surface = raster.distance(raster.middles(at[plain]))
         from_end = _from_discs(raster, np.where(to_surface <= to_rise, gap, np.float32(0.0)))
-    surface, top = _heights(raster, at, heights, plain, noise, radius)
+    surface, top = _heights(raster, at, heights, plain, noise, radius, inside)
     return Layer(
         height,
         raster.origin,
@@ -320,6 +313,7 @@ def _heights(
     plain: npt.NDArray[np.bool_],
     noise: float,
     radius: Field,
+    inside: Field,
 ) -> tuple[Field, Field]:
     """(nx, ny) m, height of the surface, and of the highest point of each pixel."""
     cell, size = raster.cells(at), raster.shape[0] * raster.shape[1]
@@ -338,7 +332,7 @@ def _heights(
     surface = mean + low
     if noise > 0.0:  # between two levels there is no surface
         surface[held & (squares / np.maximum(count, 1e-9) - mean**2 > noise**2)] = np.inf
-    if not held.all():  # further away the nearest holds
+    if not held[inside > -2.0].all():  # further away the nearest holds
         where = np.argwhere(held).astype(np.float64)
         _, who = distance_to_points(raster.shape, where, np.zeros(len(where)), 1e9)
         surface = surface[held][who]
@@ -355,5 +349,4 @@ def _roofed(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_
     above = raster.at(over)
     if len(above) == 0:
         return np.zeros(raster.shape, np.bool_)
-    widest = widest_empty_disc(raster.distance(raster.middles(above)), WIDEST_M / raster.pixel)
-    return np.asarray(widest <= radius)
+    return np.asarray(raster.distance(raster.middles(above)) <= radius / WIDEST)

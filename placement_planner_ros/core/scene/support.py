@@ -107,7 +107,8 @@ class SupportMap:
     def heights(self, volume: TargetVolume, beside: float, tolerance: float) -> list[float]:
         """m, heights at which there is surface in V, those of most surface first.
 
-        Surfaces that differ in height by no more than twice the tolerance are of one.
+        Surfaces that differ in height by no more than twice the tolerance are of one; in noise,
+        what is that much nearer to one that has been found is of it, too.
 
         Args:
             beside: m around V, in x and y, in which surfaces count.
@@ -130,7 +131,7 @@ class SupportMap:
             if many[first] < FEWEST_TOPS:
                 break
             found.append(float(np.median(left[first : last[first]])))
-            left = left[np.abs(left - found[-1]) > tolerance]
+            left = left[np.abs(left - found[-1]) > tolerance + self.noise]
         return found
 
     def above(self, points: Array) -> Array:
