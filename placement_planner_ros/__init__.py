@@ -15,7 +15,7 @@ paper                                         module under `placement_planner_ro
 𝒜, a; q_0                                     robot.arm.Arm; problem.Problem
 V, target volume                              types.TargetVolume
 𝒮, surface points; occupancy grid             scene.grid.ObstacleSet
-R, r, placement contact regions; z_r          scene.regions.find_regions, scene.regions.Region
+R, r, placement contact regions; z_r          scene.environment.find_regions, scene.regions.Region
 o, F, f, v(f), fT_o, B_o                      body.body.Body, body.placement_face.PlacementFace
 gT_o, grasps; O(q)                            robot.arm.Arm; grasp.holding.Holding.object_pose
 Ŝ(r, f)                                       constraints.placement_pose
@@ -25,7 +25,7 @@ c_f(x)                                        constraints.PoseConstraints.free
 r(x), path-reachability                       plan_motion.transit.MotionPlanner
 C_free                                        collision.arm.ArmCollision
 ξ(x), clearance                               objective.clearance.Clearance
-d_S, distance to the environment              scene.distance.ClearanceField
+d_S, distance to the environment              scene.clearance.ClearanceField
 Algorithm 1, Terminate, ξ_best                planner.PlacementPlanner.run
 τ, published                                  types.Placement, timing.trajectory_maker
 g_max                                         search.sampler.SamplerSettings

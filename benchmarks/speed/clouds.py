@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.speed.rows import Entry
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.distance import ClearanceField
+from placement_planner_ros.core.scene.clearance import ClearanceField
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.scene.distance import ClearanceField
+from placement_planner_ros.core.scene.clearance import ClearanceField
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import LEVEL, Array, Verdict
 
@@ -52,14 +52,12 @@ class GridPlacements:
 def region_grid(region: Region, step: float) -> Array:
     """(n, 3) points of a square lattice on the region, and each rectangle's middle."""
     points = []
-    for (x0, y0, x1, y1), cut in zip(region.rectangles, region.diagonals, strict=True):
+    for x0, y0, x1, y1 in region.rectangles:
         x, y = np.meshgrid(
             _multiples_within(x0, x1, step), _multiples_within(y0, y1, step), indexing="ij"
         )
-        xy = np.vstack([np.column_stack([x.ravel(), y.ravel()]), [(x0 + x1) / 2, (y0 + y1) / 2]])
-        plus, minus = xy[:, 0] + xy[:, 1], xy[:, 0] - xy[:, 1]
-        on = (plus >= cut[0]) & (plus <= cut[1]) & (minus >= cut[2]) & (minus <= cut[3])
-        points.append(xy[on])
+        points.append(np.column_stack([x.ravel(), y.ravel()]))
+        points.append(np.array([[(x0 + x1) / 2, (y0 + y1) / 2]]))
     xy = np.unique(np.vstack(points), axis=0)
     return np.column_stack([xy, region.heights(xy)])
 

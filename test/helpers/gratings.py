@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement_planner_ros.core.scene.environment import find_regions
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.regions import find_regions
 from placement_planner_ros.core.types import TargetVolume
 
 HALF = 0.1

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
-from placement_planner_ros.core.scene.distance_bound import distance_bound_field
+from placement_planner_ros.core.scene.distance import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 

@@ -6,7 +6,6 @@ asked for.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
@@ -32,10 +31,6 @@ _STANDING_GAP_M = 0.003
 """m that a surface may be above or below the contact plane to be what the object stands on."""
 ABOVE_CONTACT_M = 0.01
 """m above the contact plane, what stands beside the object begins to count."""
-_THING_RISE_M = 0.005
-"""m above a surface, what rises higher is a thing that stands there."""
-_THING_DISTANCE_M = 0.015
-"""m beside such a thing, the end of a surface is taken for one that the thing stands at."""
 
 
 class Group(NamedTuple):
@@ -107,33 +102,14 @@ class Beside:
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
-        # Ends of the surfaces of that height.
-        support = self._environment.support_of(slope)
-        of = np.repeat(np.arange(len(support.height)), np.diff(support.first))
-        near = np.abs(support.height - height) <= _STANDING_GAP_M
-        ends = support.points[support.ends & near[of]].astype(np.float64)
-        # Things that rise above the plane there.
-        measured = self._environment.measured
-        low, high = measured.lower, measured.upper
-        plane = height + 0.5 * (low[:, :2] + high[:, :2]) @ np.array(slope)
-        rises = (high[:, 2] > plane + _THING_RISE_M) & (low[:, 2] < plane + 2.0 * ABOVE_CONTACT_M)
-        beside = np.zeros(len(ends), np.bool_)
-        # Ends that lie within reach of such a thing are left out.
-        if rises.any() and len(ends):
-            low, high = low[rises, :2], high[rises, :2]
-            things = cKDTree(0.5 * (low + high))
-            reach = _THING_DISTANCE_M + math.sqrt(0.5) * measured.cell_size
-            for n, boxes in enumerate(things.query_ball_point(ends, reach)):
-                off = np.maximum(np.maximum(low[boxes] - ends[n], ends[n] - high[boxes]), 0.0)
-                beside[n] = bool((np.hypot(off[:, 0], off[:, 1]) <= _THING_DISTANCE_M).any())
-        return ends[~beside]
+        return self._environment.support_of(slope).ends(height, _ROOM)
 
 
 class Edge(Beside):
     """edge: the least distance of what the object stands on from where its support ends, metres.
 
     Seen from above, from the hull of v(f) to where the surface drops or was not seen; not to where
-    a thing stands on it, nor to what of the end lies within 15 mm of one. At most 0.2.
+    a thing stands on it. At most 0.2.
     """
 
     unit: ClassVar = "m"

@@ -112,52 +112,49 @@ class _Polygon:
 
 
 class _Columns:
-    """Columns of the support map with a surface that is `roomy` enough for a margin.
+    """Columns in which there is room for a margin, see `SupportMap.room`.
 
     Only those that a body standing in V can reach, at the heights of the regions.
     """
 
     def __init__(self, poses: PoseConstraints, margin: float | None) -> None:
         body, environment = poses.problem.body, poses.problem.environment
-        volume, support = poses.problem.volume, environment.support
-        # Columns of the map around V.
+        volume, measured = poses.problem.volume, environment.measured
         size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-        corners = np.array([volume.lower[:2] - size, volume.upper[:2] + size])
-        first, last = _map_columns(support, corners)
-        self._origin = support.origin[:2] + first * support.cell_size
-        self._cell_size = support.cell_size
-        self._shape = np.maximum(last - first + 1, 0)
+        self._cell_size = measured.cell_size
+        self._origin = volume.lower[:2] - size
+        self._shape = self._columns_of(volume.upper[:2] + size) + 1
         self._tables = {}
         # A table for each slope of a region.
         for slope in {region.slope for region in poses.regions}:
             heights = np.array([r.z for r in poses.regions if r.slope == slope])
             levels = np.unique(np.round(heights / _SAME_HEIGHT_M))
             tolerance = poses.footing.contact_tolerance
-            sums = self._summed(environment.support_of(slope), levels, first, tolerance, margin)
+            sums = self._summed(environment.support_of(slope), levels, tolerance, margin)
             self._tables[slope] = levels, sums
 
     def _summed(
         self,
         support: SupportMap,
         levels: Array,
-        first: Index,
         tolerance: float,
         margin: float | None,
     ) -> Array:
-        """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
-        off = 0.51 * _SAME_HEIGHT_M
-        # Surfaces of the columns in question.
-        column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
-        i, j = np.array(np.divmod(column, support.columns[1])) - first[:, None]
+        """(levels, nx + 1, ny + 1) columns with room at that height, summed up."""
+        off = 0.51 * _SAME_HEIGHT
         nx, ny = self._shape
-        near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
-        i, j = i[near], j[near]
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
         # Mark columns with a surface at that height, and sum them up.
         for table, level in zip(sums, levels, strict=True):
-            at = support.roomy(level * _SAME_HEIGHT_M, tolerance, margin, off)[near]
-            table[i[at] + 1, j[at] + 1] = 1
+            squares = support.room(level * _SAME_HEIGHT, tolerance, margin, off)
+            low, high = self._columns_of(squares[:, :2]), self._columns_of(squares[:, 2:])
+            for i, j in ((low, low), (low, high), (high, low), (high, high)):
+                near = (i[:, 0] >= 0) & (i[:, 0] < nx) & (j[:, 1] >= 0) & (j[:, 1] < ny)
+                table[i[near, 0] + 1, j[near, 1] + 1] = 1
         return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
+
+    def _columns_of(self, points: Array) -> Index:
+        return np.floor((points - self._origin) / self._cell_size).astype(np.int64)
 
     def within(self, placed: PlacedCells, lowest: Array, highest: Array) -> Index:
         """(n, m) how many there are at the height of each cell from corners to corners (n, m, 2);
@@ -191,10 +188,3 @@ def _beside_volume(
         apart = (height + rise < lower[2]) | (height - rise > upper[2])
         beside &= away.any(axis=1) | apart
     return beside
-
-
-def _map_columns(support: SupportMap, corners: Array) -> tuple[Index, Index]:
-    """First and last column (i, j) of the map between two corners (2, 2)."""
-    at = np.floor((corners - support.origin[:2]) / support.cell_size).astype(np.int64)
-    first, last = np.clip(at, 0, np.array(support.columns) - 1)
-    return first, last

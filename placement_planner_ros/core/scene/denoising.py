@@ -225,8 +225,8 @@ def _scatter(
     return found[:n]
 
 
-def estimate_noise(bins: Bins, origin: Array, size: float) -> float | None:
-    """Standard deviation of the points about their surfaces, metres; None where they are too few.
+def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
+    """Standard deviation of the points about their surfaces, metres; 0 where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a
@@ -237,7 +237,7 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float | None:
     moments = cell_moments(bins, origin, size)
     around = _scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
     if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
-        return None
+        return 0.0
     noise = _typical(around)
     alone = _scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):

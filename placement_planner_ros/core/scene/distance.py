@@ -1,266 +1,337 @@
-"""d_S, the distance to the obstacle set that the clearance objective averages."""
+"""A sound lower bound of the distance to the obstacle set, at every cell of the grid."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.boxes_by_height import boxes_by_height
-from placement_planner_ros.core.scene.clearance_levels import AROUND
-from placement_planner_ros.core.scene.clearance_lookup import Table, distances, mean_clearance
-from placement_planner_ros.core.scene.clearance_table import ClearanceTable
-from placement_planner_ros.core.scene.counted_boxes import CountedBoxes, counted_boxes
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.leaning_boxes import sliced
-from placement_planner_ros.core.scene.nearest_boxes import Lines
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
+from placement_planner_ros.core.types import Array
 
-CAP = 0.5
-"""m, the greatest distance that counts: what an empty table has."""
-_LEVEL = 0.00125
-"""m between two levels, where there is room for so many."""
-MAX_VALUES = 16_000_000
-"""Values that a field has at most, of 4 bytes each."""
-_FLATTER = 8.0
-"""Lines are at least so many times as far apart as levels before levels move apart."""
-_AT_ONCE = 0.05
-"""m around V in which values are made before anybody asks for them."""
-_BODIES = 8
-"""Sets of points whose extent is remembered."""
-_ROUNDING = 1e-9
-"""m."""
+Field = npt.NDArray[np.float32]
+Index = npt.NDArray[np.int32]
+Levels = npt.NDArray[np.uint8]
+
+_LEVELS = 255
+"""Steps to the cap."""
+_EXACT = 2.5
+"""Cells up to which distances are exact."""
+_SCATTERED = 8
+"""Cells of a column that are looked at around a box, all at once: five, and three for nothing."""
+_TILE = 4
+"""Cells along each side of a tile."""
+_UNITS = 2.0**30
+"""The greatest squared distance, in units in which lines are compared ..."""
+_UNSURE = 512.0
+"""... which rounding makes wrong by less than this: three float32 operations, 2^-24 each."""
+_ROUNDING = 1e-6
+"""Relative: more than what float32 loses."""
 
 
-class ClearanceField:
-    """d_S: distance sideways and upwards to obstacles in V and around it, capped.
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceBound:
+    """Bounds of the Euclidean distance to the obstacle set at the centre of each cell, in steps.
 
-    Nothing that ends below a point counts for it, so d_S jumps where a thing ends beside it. A
-    point stands for what is around it, from half a voxel below to half a voxel above: its value is
-    the mean of d_S over this height. So the clearance of a body is continuous in z too, and the
-    heights at which things end count as they were measured, wherever the layers of cells lie.
+    With l the level of a cell and c its centre, the distance of any point p to the nearest box is
 
-    Sampled on the grid lines of the obstacle set in x and y, exact there but for less than a cell
-    where several boxes that end at one height compete, and interpolated linearly between them; in
-    z on levels 1.25 mm apart, with what ends between two of them counted by its share, up to where
-    the last thing ends. Boxes of V that lie far from each other have a table each. Where V is so
-    large that all would take more than `MAX_VALUES`, lines and levels are further apart, and `lift`
-    is more. Values in and beside V are made at once, those further out when they are first asked
-    for.
+        at least l step - |p - c|, and where l < exact at most (l + 1) step + |p - c|.
 
-    What a body stands on does not count, and may rise by the contact tolerance above its lowest
-    point: what of the body is lower than `lift` above that point is judged at that height.
+    Cells lie in tiles of 4 x 4 x 4, each a cache line, since what is looked up in turn is close.
 
     Attributes:
-        lift: see above, metres.
-
-    Args:
-        obstacles: those of its boxes count that touch V, grown by `beyond`, up to where that ends.
-        volume: V.
-        beyond: how far outside V things count, metres: 0 is the paper's definition.
-        cap: greatest value, metres: what an empty table has.
-        contact_tolerance: by how much support may rise above a body's lowest point, metres.
-        padding: how far around V, in x and y, values are kept, metres; beyond, the nearest counts.
+        origin: (3,) lower corner of the grid, that of the obstacle set.
+        cell_size: metres.
+        shape: (nx, ny, nz) cells.
+        step: metres.
+        exact: the level from which on there is no upper bound.
+        levels: (tx, ty, tz, 64) uint8; of cell (i, j, k) at
+            (i // 4, j // 4, k // 4, 16 (i % 4) + 4 (j % 4) + k % 4), 0 outside of the shape.
     """
 
-    def __init__(
-        self,
-        obstacles: ObstacleSet,
-        volume: TargetVolume,
-        beyond: float = 0.0,
-        cap: float = CAP,
-        contact_tolerance: float = 0.003,
-        padding: float = 0.3,
-    ) -> None:
-        for name, value in (
-            ("beyond", beyond),
-            ("cap", cap),
-            ("contact_tolerance", contact_tolerance),
-            ("padding", padding),
-        ):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ParameterError(name, value, "give a length of at least 0 m")
-        grown = volume.joined + np.array([[-beyond], [beyond]])
-        counted = counted_boxes(obstacles, grown)
-        parts = _parts(volume.joined, np.array([padding, padding, 0.0]))
-        near = [_near(obstacles, counted, part, cap) for part in parts]
-        for part, boxes in zip(parts, near, strict=True):
-            part[1, 2] = np.max(boxes.ends, initial=part[0, 2])
-        step, rise = _spacing(parts[:, 1] - parts[:, 0], obstacles.cell_size)
-        self.lift = contact_tolerance + (AROUND + 1) * rise
-        self._tables = [
-            _table(obstacles, boxes, part, step, rise, float(cap), self.lift)
-            for part, boxes in zip(parts, near, strict=True)
-        ]
-        self._parts = parts
-        aside = np.array([max(padding - _AT_ONCE, 0.0)] * 2)
-        for table, part in zip(self._tables, parts, strict=True):
-            table.around(part[0, :2] + aside, part[1, :2] - aside)
-        self._extents: dict[int, tuple[Array, Array, Array, float]] = {}
-
-    @property
-    def tables(self) -> tuple[Table, ...]:
-        """All values, one table for each part of V that lies apart."""
-        return tuple(table.whole() for table in self._tables)
-
-    def distance(self, points: Array) -> Array:
-        """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
-        return np.asarray(self._evaluate(points)[:, 0])
-
-    def gradient(self, points: Array) -> Array:
-        """(n, 2) ∂d_S/∂x and ∂d_S/∂y at the (n, 3) points, of the interpolation itself."""
-        return np.asarray(self._evaluate(points)[:, 1:])
-
-    def _evaluate(self, points: Array) -> Array:
-        points = _contiguous(points)
-        found = np.empty((len(points), 3))
-        for table, at in self._shares(points):
-            here = _contiguous(points[at])
-            found[at] = distances(table.around(here.min(axis=0), here.max(axis=0)), here)
-        return found
-
-    def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
-        """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
-
-        Args:
-            T_world_object: (4, 4).
-            points: (n, 3), B_o in the object frame.
-
-        Returns:
-            The mean of d_S over B_o, metres; (3,) its change per metre, metre and radian.
-        """
-        values, gradients = self.mean_clearance_batch(np.asarray(T_world_object)[None], points)
-        return float(values[0]), np.asarray(gradients[0])
-
-    def mean_clearance_batch(
-        self, T_world_object: Array, points: Array, slopes: bool = True
-    ) -> tuple[Array, Array]:
-        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
-        0, which takes less time.
-
-        A body is judged by the part of V that its middle is nearest to.
-        """
-        T = _contiguous(T_world_object)
-        if len(T) == 0 or len(points) == 0:
-            return np.zeros(len(T)), np.zeros((len(T), 3))
-        middle, half, radius = self._extent(points)
-        points = _contiguous(points)
-        if len(self._tables) == 1:
-            x, y = T[:, 0, 3], T[:, 1, 3]
-            known = self._tables[0].within(
-                x.min() - radius, y.min() - radius, x.max() + radius, y.max() + radius
-            )
-            if known is not None:
-                return mean_clearance(known, T, points, slopes)
-        at = T[:, :2, :3] @ middle + T[:, :2, 3]
-        reach = np.abs(T[:, :2, :3]) @ half
-        if len(self._tables) == 1:
-            table = self._tables[0].around((at - reach).min(axis=0), (at + reach).max(axis=0))
-            return mean_clearance(table, T, points, slopes)
-        values, gradients = np.empty(len(T)), np.empty((len(T), 3))
-        for part, rows in self._shares(T[:, :3, :3] @ points.mean(axis=0) + T[:, :3, 3]):
-            low, high = at[rows] - reach[rows], at[rows] + reach[rows]
-            table = part.around(low.min(axis=0), high.max(axis=0))
-            values[rows], gradients[rows] = mean_clearance(
-                table, _contiguous(T[rows]), points, slopes
-            )
-        return values, gradients
-
-    def _extent(self, points: Array) -> tuple[Array, Array, float]:
-        """Middle (3,) of the box around points (n, 3), half of its sides, and how far they are from
-        the origin; a little more."""
-        known = self._extents.get(id(points))
-        if known is None or known[0] is not points:
-            low, high = points.min(axis=0), points.max(axis=0)
-            radius = float(np.linalg.norm(points, axis=1).max()) + _ROUNDING
-            known = points, 0.5 * (low + high), 0.5 * (high - low) + _ROUNDING, radius
-            if len(self._extents) >= _BODIES:
-                self._extents.clear()
-            self._extents[id(points)] = known
-        return known[1:]
-
-    def _shares(self, points: Array) -> list[tuple[ClearanceTable, npt.NDArray[np.int64]]]:
-        """Each table with those of the (n, 3) points that are nearest to it."""
-        if len(self._tables) == 1:
-            return [(self._tables[0], np.arange(len(points)))] if len(points) else []
-        away = [np.maximum(np.maximum(low - points, points - high), 0.0)
-                for low, high in self._parts]  # fmt: skip
-        nearest = np.argmin((np.array(away)[..., :2] ** 2).sum(axis=2), axis=0)
-        shares = [(table, np.flatnonzero(nearest == n)) for n, table in enumerate(self._tables)]
-        return [(table, at) for table, at in shares if len(at)]
+    origin: Array
+    cell_size: float
+    shape: tuple[int, int, int]
+    step: float
+    exact: int
+    levels: Levels
 
 
-def _parts(boxes: Array, padding: Array) -> Array:
-    """(m, 2, 3) boxes around those of (k, 2, 3) that would overlap in x and y, if `padding` (3,)
-    were added on all sides; with the padding."""
-    parts = boxes + np.stack([-padding, padding])
-    n = 0
-    while n < len(parts):
-        beside = (parts[n + 1 :, 0] <= parts[n, 1]) & (parts[n + 1 :, 1] >= parts[n, 0])
-        joined = np.flatnonzero(beside[:, :2].all(axis=1)) + n + 1
-        if len(joined):
-            rows = np.append(joined, n)
-            parts[n] = parts[rows, 0].min(axis=0), parts[rows, 1].max(axis=0)
-            parts = np.delete(parts, joined, axis=0)
-            n = 0
-        else:
-            n += 1
-    return parts
+def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBound:
+    """Bound the distance from the centre of every cell to the boxes of the obstacle set.
 
+    Exact up to 2.5 cells. Beyond, exact in z and to the near face of the box's cell in x and y:
+    too low by at most a cell in each. All rounded down to a step.
 
-def _near(obstacles: ObstacleSet, counted: CountedBoxes, part: Array, cap: float) -> CountedBoxes:
-    """Those boxes that count that may be within the cap of a part of V, beside it or above."""
-    low, high = obstacles.lower[counted.rows, :2], obstacles.upper[counted.rows, :2]
-    beside = (low <= part[1, :2] + cap) & (high >= part[0, :2] - cap)
-    return counted.some(np.flatnonzero(beside.all(axis=1) & (counted.ends >= part[0, 2])))
-
-
-def _spacing(sides: Array, cell_size: float) -> tuple[int, float]:
-    """Cells between two lines of tables of sides (m, 3), m between their levels."""
-    step, rise = 1, _LEVEL
-    while True:
-        lines = sides[:, :2] / (cell_size * step) + 4.0
-        if (lines.prod(axis=1) * (sides[:, 2] / rise + 2.0 * AROUND + 5.0)).sum() <= MAX_VALUES:
-            return step, rise
-        # heights matter more: what is lower than three levels above what stands there is not seen
-        if cell_size * step <= _FLATTER * rise:
-            step *= 2
-        else:
-            rise *= 2.0
-
-
-def _table(
-    obstacles: ObstacleSet,
-    counted: CountedBoxes,
-    part: Array,
-    step: int,
-    rise: float,
-    cap: float,
-    lift: float,
-) -> ClearanceTable:
-    """The table of one part of V (2, 3), padding included, over the boxes that count."""
-    size = obstacles.cell_size * step
-    first, last = np.floor((part - obstacles.origin) / size).astype(np.int64)
-    origin = obstacles.origin + first * size
-    origin[2] = (math.floor(part[0, 2] / rise) - AROUND) * rise
-    cut = sliced(counted, obstacles, float(origin[2]), rise)
-    boxes = boxes_by_height(
-        cut.outlines,
-        (cut.cells[:, :2] // step - first[:2]).astype(np.int32),
-        cut.bottoms,
-        cut.ends,
-        float(origin[2]),
-        rise,
+    Args:
+        cap: greatest value, metres; larger ones cost time.
+    """
+    if not (math.isfinite(cap) and cap > 0.0):
+        raise ParameterError("cap", cap, "give a finite length above 0 m")
+    step = cap / _LEVELS
+    tiles = [-(-cells // _TILE) for cells in obstacles.shape]
+    steps = int(cap / obstacles.cell_size + 0.5) + 1
+    first_cell, reached = _reached(obstacles, steps)
+    # memory of numpy's takes less time to get than that of kernels
+    levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
+    per_metre = (1.0 - _ROUNDING) / step
+    _distance_bound(obstacles.arrays, cap, per_metre, steps, first_cell, values, levels)
+    levels.setflags(write=False)
+    exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
+    return DistanceBound(
+        obstacles.origin, obstacles.cell_size, obstacles.shape, step, exact, levels
     )
-    nx, ny = (last - first + 2)[:2].tolist()
-    lines = Lines(float(origin[0]), float(origin[1]), size, cap)
-    return ClearanceTable(boxes, lines, (nx, ny), origin, rise, lift)
 
 
-def _contiguous(values: Array) -> Array:
-    """Read-only, so that a kernel compiles once, whatever it is given."""
-    view = np.ascontiguousarray(values, dtype=np.float64).view()
-    view.setflags(write=False)
-    return view
+def _reached(
+    obstacles: ObstacleSet, steps: int
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
+    if not len(obstacles):
+        return (0, 0, 0), (0, 0, 0)
+    along = obstacles.cells.T
+    first = [max(int(line.min()) - steps, 0) // _TILE * _TILE for line in along]
+    last = [
+        min(int(line.max()) + steps + 1, n) for line, n in zip(along, obstacles.shape, strict=True)
+    ]
+    size = [b - a for a, b in zip(first, last, strict=True)]
+    return (first[0], first[1], first[2]), (size[0], size[1], size[2])
+
+
+@kernel(nogil=True)
+def _distance_bound(
+    boxes: ObstacleArrays,
+    cap: float,
+    per_metre: float,
+    steps: int,
+    first_cell: tuple[int, int, int],
+    values: Field,
+    levels: Levels,
+) -> None:
+    """Fill the levels of the field: in z, then along y, then along x, then exact near the boxes.
+
+    Made around the boxes only, for the cells from the first on that `values` (nx, ny, nz) are room
+    for; further than the cap, `steps` cells, from all of them everything is at the cap.
+    """
+    cells, size = boxes.cells, boxes.cell_size
+    nx, ny, nz = values.shape
+    values[:] = np.float32(cap * cap)
+    column_used = np.zeros((nx, ny), np.bool_)
+    plane_used = np.zeros(nx, np.bool_)
+    # boxes of one column follow each other
+    m = len(cells)
+    first = 0
+    while first < m:
+        last = first
+        while last < m and cells[last, 0] == cells[first, 0] and cells[last, 1] == cells[first, 1]:
+            last += 1
+        i, j = cells[first, 0] - first_cell[0], cells[first, 1] - first_cell[1]
+        column_used[i, j] = plane_used[i] = True
+        _within_column(boxes, first, last, cap, first_cell[2], values[i, j])
+        first = last
+    # counted is up to the near face of a line's cells
+    gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)
+    gaps[0] = 0.0
+    slab = np.empty((max(nx, ny), nz), np.float32)
+    for i in range(nx):
+        if plane_used[i]:
+            slab[:ny] = values[i]
+            _lower_lines(values[i], slab, column_used[i], gaps, cap * cap)
+    for j in range(ny):
+        for i in range(nx):
+            slab[i] = values[i, j]
+        _lower_lines(values[:, j], slab, plane_used, gaps, cap * cap)
+    _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
+
+
+@kernel(lean=True)
+def _within_column(
+    boxes: ObstacleArrays, first: int, last: int, cap: float, layer: int, squared: Field
+) -> None:
+    """Squared distance in z from cells of a column (nz,), from `layer` on, to boxes first..last."""
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
+    near = first
+    for k in range(layer, layer + len(squared)):
+        z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
+        while near < last and cells[near, 2] < k:
+            near += 1
+        best = cap
+        # boxes of this layer, and those next to it below and above
+        for r in range(near - 1, first - 1, -1):
+            best = min(best, max(0.0, z - upper[r, 2]))
+            if cells[r, 2] < cells[near - 1, 2]:
+                break
+        above = cells[near, 2] if near < last else 0
+        for r in range(near, last):
+            if cells[r, 2] > above:
+                if above > k:
+                    break
+                above = cells[r, 2]
+            best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
+        squared[k - layer] = best * best
+
+
+@kernel(lean=True)
+def _lower_lines(
+    targets: Field, slab: Field, used: npt.NDArray[np.bool_], gaps: Field, greatest: float
+) -> None:
+    """Lower the squared distances (l, nz) of lines beside each other by those of the others.
+
+    A line counts for those beyond its neighbour only where it is lower than that by more than the
+    neighbour is nearer. On surfaces that go on, which most lines are in, it never is.
+
+    Args:
+        slab: (l, nz) the same before, none above `greatest`; `used` (l,) says which hold anything.
+        gaps: (steps + 1,) squared distance to the line so many lines away, 0 first.
+    """
+    steps, lines = len(gaps) - 1, len(used)
+    unit = np.float32(greatest / _UNITS)
+    for source in range(lines):
+        if not used[source]:
+            continue
+        for side in range(-1, 2, 2):
+            reach = min(steps, lines - 1 - source if side > 0 else source)
+            if reach > 0:
+                highest = _most_above(slab[source], slab[source + side], unit)
+                above = (float(highest) + _UNSURE) * float(unit)
+                for step in range(1, reach + 1):
+                    if float(gaps[step]) - float(gaps[step - 1]) >= above:
+                        reach = step - 1
+                        break
+            for step in range(1, reach + 1):
+                _lower_by(targets[source + side * step], slab[source], gaps[step])
+
+
+@kernel(lean=True)
+def _most_above(line: Field, other: Field, unit: np.float32) -> int:
+    """By how many units, rounded down, another line is above one at most, `_UNSURE` of them off.
+
+    In whole numbers, as these are compared many at once.
+    """
+    most = np.int32(0)
+    for k in range(len(line)):
+        units = np.int32((other[k] - line[k]) / unit)
+        most = units if units > most else most
+    return int(most)
+
+
+@kernel(lean=True)
+def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
+    """target = min(target, source + gap)."""
+    for k in range(len(target)):
+        candidate = source[k] + gap
+        target[k] = candidate if candidate < target[k] else target[k]
+
+
+@kernel(nogil=True)
+def _put_levels(
+    boxes: ObstacleArrays,
+    squared: Field,
+    first_cell: tuple[int, int, int],
+    farthest: np.float32,
+    per_metre: float,
+    levels: Levels,
+) -> None:
+    """The root of each squared distance in tiled levels, exact where all near boxes are known.
+
+    Boxes of cells more than two away are at least 2.5 cells from the centre.
+
+    Args:
+        squared: (nx, ny, nz) of the cells from `first_cell` on; `farthest` of all others.
+    """
+    nx, ny, nz = squared.shape
+    i, j, k = first_cell
+    beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
+    # planes i - 2 .. i + 2, cyclic, with two cells before each column and room for `_SCATTERED`
+    exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
+    _fill_all(levels, boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
+    tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
+    tiles = (nz + _TILE - 1) // _TILE
+    line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
+    line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
+    fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
+    apart = np.full((3, _SCATTERED), np.inf)
+    row = 0
+    m = len(boxes.cells)
+    for plane in range(nx + 2):
+        while row < m and boxes.cells[row, 0] - i == plane:
+            _scatter(boxes, row, first_cell, apart, exact, nx)
+            row += 1
+        done = plane - 2
+        if done >= 0:
+            near = exact[done % 5]
+            for y in range(ny):
+                _finish(squared[done, y], near[y, 2:], np.float32(per_metre), line)
+                column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
+                for tile in range(tiles):
+                    column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
+            near[:] = beyond
+
+
+@kernel(lean=True)
+def _fill_all(levels: Levels, shape: tuple[int, int, int], level: np.uint8) -> None:
+    """The tiles of a grid of that shape, all cells at one level; 0 outside of the shape."""
+    nx, ny, nz = shape
+    levels[:] = level
+    last = (-nx) % _TILE, (-ny) % _TILE, (-nz) % _TILE  # cells missing in the last tiles
+    for n in range(_TILE**3):
+        if n // 16 >= _TILE - last[0]:
+            levels[-1, :, :, n] = 0
+        if n // 4 % 4 >= _TILE - last[1]:
+            levels[:, -1, :, n] = 0
+        if n % 4 >= _TILE - last[2]:
+            levels[:, :, -1, n] = 0
+
+
+@kernel(lean=True)
+def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
+    """The root of each squared distance, which is at least `least`, rounded down to a level."""
+    for k in range(len(squared)):
+        value = least[k] if squared[k] < least[k] else squared[k]
+        levels[k] = _level(value, per_metre)
+
+
+@kernel(inline=True)
+def _level(squared: np.float32, per_metre: np.float32) -> np.uint8:
+    """The root, rounded down to a level."""
+    return np.uint8(min(math.sqrt(squared) * per_metre, np.float32(_LEVELS)))
+
+
+@kernel(lean=True)
+def _scatter(
+    boxes: ObstacleArrays,
+    row: int,
+    first_cell: tuple[int, int, int],
+    apart: Array,
+    exact: Field,
+    nx: int,
+) -> None:
+    """Lower the exact squared distances of the cells up to two away from the box's.
+
+    Args:
+        apart: (3, `_SCATTERED`) room for squared distances along each axis, infinite in the end.
+    """
+    ny = exact.shape[1]
+    size = boxes.cell_size
+    for axis in range(3):
+        low, high, cell = boxes.lower[row, axis], boxes.upper[row, axis], boxes.cells[row, axis]
+        for n in range(5):
+            middle = boxes.origin[axis] + (cell - 2 + n + 0.5) * size
+            gap = max(low - middle, 0.0, middle - high)
+            apart[axis, n] = gap * gap
+    ci = boxes.cells[row, 0] - first_cell[0] - 2
+    cj = boxes.cells[row, 1] - first_cell[1] - 2
+    ck = boxes.cells[row, 2] - first_cell[2]
+    along = apart[2]
+    for i in range(max(ci, 0), min(ci + 5, nx)):
+        for j in range(max(cj, 0), min(cj + 5, ny)):
+            beside = apart[0, i - ci] + apart[1, j - cj]
+            near = exact[i % 5, j, ck : ck + _SCATTERED]
+            for k in range(_SCATTERED):
+                d = np.float32(beside + along[k])
+                near[k] = d if d < near[k] else near[k]

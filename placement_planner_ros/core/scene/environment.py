@@ -10,18 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
+from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
-from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
+from placement_planner_ros.core.scene.layers import SlopeCloud
 from placement_planner_ros.core.scene.near_points import NearPoints, laid_over
 from placement_planner_ros.core.scene.planes import Plane, Planes
 from placement_planner_ros.core.scene.regions import (
     Region,
     RegionSettings,
-    find_regions,
-    largest,
+    largest_regions,
+    regions_of_layer,
 )
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.visibility import (
@@ -37,14 +38,14 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 MAX_CELLS = 100_000_000
 """Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
 
+CONTACT_TOLERANCE_M = 0.003
+"""m above or below a region's height within which surface is of it."""
 _BELOW = 0.005
 """m that unknown space stays below a measured surface. What stands on that surface keeps the margin
 and planning's reserve (4.2 mm by default) from unknown space, which else begins anywhere within a
 cell below; and nothing that keeps 2.5 mm or more from both fits between them."""
 _AROUND = 0.3
 """m that is known around V, in x and y."""
-_BESIDE = 0.1
-"""m that is known below and above V of what slopes."""
 
 
 def require_room(volume: TargetVolume, cell_size: float) -> None:
@@ -72,8 +73,8 @@ class Incline:
     Attributes:
         slope: of them.
         support: answers s(x).
-        measured: the obstacle set sheared by the slope, in and around V.
-        volume: V, upright as it is, with its floor and ceiling along the slope.
+        measured: the obstacle set.
+        volume: V.
         beyond: m outside V in which things count for clearance.
     """
 
@@ -87,7 +88,9 @@ class Incline:
     def clearance(self) -> ClearanceField:
         """d_S in V for what stands on them: sideways is along the slope."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume, self.beyond, padding=_AROUND)
+        return ClearanceField(
+            self.measured, self.volume, self.beyond, padding=_AROUND, slope=self.slope
+        )
 
     def sheared(self, T_world_object: Array) -> Array:
         """(n, 4, 4) what takes points of the object to x, y and their height above the plane."""
@@ -257,15 +260,14 @@ class Environment:
         step("finding placement regions")
         regions, seen = regions or RegionSettings(), (*views, *sights)
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
-        found, support = find_regions(measured, volume, regions, planes, sights=seen)
+        found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []
-        for slope, height in zip(planes.slopes, planes.heights, strict=True):
+        beyond = CAP if beyond_volume else 0.0
+        for slope in planes.slopes:
             step("finding sloping placement regions")
-            beyond = CAP if beyond_volume else 0.0
-            sheared, around = _sheared(measured, volume, slope, height, beyond)
-            more, sloping = find_regions(sheared, volume, regions, planes, slope, seen)
-            inclines.append(Incline(slope, sloping, sheared, around, beyond))
-            found = largest((*found, *more), regions)
+            more, sloping = find_regions(measured, volume, regions, planes, slope, seen)
+            inclines.append(Incline(slope, sloping, measured, volume, beyond))
+            found = largest_regions((*found, *more), regions)
         step("finding unknown space")
         free = seen_free(measured, views) if views else None
         seen_of_volume = None if free is None else share_seen(measured, free, volume)
@@ -289,15 +291,30 @@ class Environment:
         )
 
 
-def _sheared(
-    measured: ObstacleSet, volume: TargetVolume, slope: Slope, height: float, beyond: float
-) -> tuple[ObstacleSet, TargetVolume]:
-    """What was measured in V and `beyond` it, a little at least, and V, sheared by a slope."""
-    sides = np.array([volume.lower[:2], volume.upper[:2]])
-    rises = sides * np.array(slope)
-    beside = max(_BESIDE, beyond)
-    low = volume.lower[2] - rises.max(axis=0).sum() - beside
-    high = volume.upper[2] - rises.min(axis=0).sum() + beside
-    middle = np.array([0.0, 0.0, float(rises.mean(axis=0).sum())])
-    around = TargetVolume(volume.boxes[:, 0] - middle, volume.boxes[:, 1] - middle)
-    return measured.sheared(slope, float(low), float(high), height), around
+def find_regions(
+    measured: ObstacleSet,
+    volume: TargetVolume,
+    settings: RegionSettings | None = None,
+    planes: Planes | None = None,
+    slope: Slope = LEVEL,
+    sights: Sequence[View] = (),
+) -> tuple[tuple[Region, ...], SupportMap]:
+    """R of one slope in V, larger first, and what answers s(x) on its surfaces.
+
+    Args:
+        planes: of what was measured, sought unless given.
+        sights: what sensors at known places measured: what they saw below a surface opens it.
+    """
+    settings = settings or RegionSettings()
+    if planes is None:
+        planes = Planes.of(measured, volume, settings.headroom, settings.max_slope)
+    tops = planes.tops(slope, settings.height_tolerance)
+    size, noise = measured.cell_size, measured.noise
+    cloud = SlopeCloud(measured.points, volume, slope, tops, size, noise, sights)
+    support = SupportMap(cloud, settings.headroom)
+    found = []
+    for height in support.heights(volume, measured.cell_size, settings.height_tolerance):
+        layer = support.layer(height, CONTACT_TOLERANCE_M)
+        if layer is not None:
+            found += regions_of_layer(layer, height, support.trim, slope, volume, settings)
+    return largest_regions(found, settings), support

@@ -8,7 +8,6 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene import denoising, sparse, tight_boxes
+from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
@@ -160,9 +159,7 @@ class ObstacleSet:
         bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
         noise = 0.0
         if len(bins.cells):
-            bins, noise, doubtful = _cleaned(bins, origin, settings, shape, lower, upper)
-            made = cls._of(bins, origin, shape, settings, noise)
-            return made.without_footing(doubtful) if len(doubtful) else made
+            bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
         return cls._of(bins, origin, shape, settings, noise)
 
     @classmethod
@@ -213,27 +210,6 @@ class ObstacleSet:
         ]
         old = np.zeros(len(self), np.bool_) if self.barred is None else self.barred
         return replace(self, barred=_read_only(old | np.isin(keys[0], keys[1])))
-
-    def sheared(self, slope: Slope, lower: float, upper: float, through: float) -> ObstacleSet:
-        """The same points with z - slope · (x, y) in place of z.
-
-        A plane of that slope is level there, and what is upright stays so. Columns of cells are the
-        same.
-
-        Args:
-            lower, upper: what is lower or higher then is left out, metres.
-            through: this height comes to lie in the middle of a layer of cells, metres.
-        """
-        size = self.cell_size
-        points = self.points.astype(np.float64)
-        points[:, 2] -= points[:, :2] @ np.array(slope)
-        low, high = (np.array(corner) for corner in self.bounds)
-        low[2] = through - (math.ceil((through - lower) / size) + 0.5) * size
-        high[2] = max(upper, low[2] + size)
-        layers = int((high[2] - low[2]) / size) + 1
-        shape = (self.shape[0], self.shape[1], layers)
-        bins = sort_into_cells(points, low, size, shape, low, high)
-        return self._of(bins, low, shape, GridSettings(cell_size=size), self.noise)
 
     def tops(self, slope: Slope = LEVEL) -> Array:
         """(m,) how high each box reaches in z - slope · (x, y), metres; infinite where nothing
@@ -420,12 +396,8 @@ def _cleaned(
     shape: tuple[int, int, int],
     lower: Array,
     upper: Array,
-) -> tuple[Bins, float, npt.NDArray[np.int32]]:
-    """Drop flying pixels and, in a noisy cloud, project the points.
-
-    Returns:
-        The points; the noise, metres; cells (k, 3) on which nothing is to stand.
-    """
+) -> tuple[Bins, float]:
+    """Drop flying pixels and, in a noisy cloud, project the points; these and the noise, metres."""
     size = settings.cell_size
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
@@ -435,14 +407,9 @@ def _cleaned(
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
     noise = denoising.estimate_noise(bins, origin, size)
-    if noise is None:  # few points in 27 cells
-        smooth = sparse.smoothed(bins, origin, size, settings.noise_floor, min_points, lower, upper)
-        if smooth is None:
-            return bins, 0.0, bins.cells[:0]
-        return sort_into_cells(smooth[0], origin, size, shape, lower, upper), *smooth[1:]
     if noise <= settings.noise_floor:
-        return bins, 0.0, bins.cells[:0]
+        return bins, 0.0
     for _ in range(2):  # the second time from planes that the first has made sharper
         points = denoising.project(bins, origin, size, noise, min_points, lower, upper)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    return bins, noise, bins.cells[:0]
+    return bins, noise

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
-from placement_planner_ros.core.scene.surfaces import Belongs, free_tops
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
 
 Index = npt.NDArray[np.int64]
@@ -47,6 +46,12 @@ _TOGETHER = 9.0
 """Neighbouring boxes whose heights err alike, since points were projected onto common planes."""
 _LEFT = 0.35
 """Share of the noise that heights of boxes are off by together, after points were projected."""
+_SHEET = 0.001
+"""m that a sheet counts as thick: a wall goes on in the cell above."""
+MAX_TILT = 0.06
+"""Slope against its plane from which on what goes on so on both sides is not of it."""
+LEVEL_BESIDE = 2
+"""Columns beside a top, of eight, that are as high, at least: a ledge goes on at both ends."""
 _MEASURED = 0.0017
 """rad that a measured slope may lie above `max_slope`."""
 
@@ -101,19 +106,19 @@ class Planes:
 
     Attributes:
         slopes: of those that are not level, that of most surface first.
-        heights: of the largest plane of each, z at x = y = 0, metres.
         steep: planes steeper than `max_slope`, the largest first.
         obstacles: the boxes.
         means: (m, 3) of the points on top of each.
+        free: (m,) whether there is headroom above it.
         owner: (m,) whose plane the top of each box lies in: 0 level, from 1 on `slopes`, or
             `UNOWNED`, or `STEEP`.
     """
 
     slopes: tuple[Slope, ...]
-    heights: tuple[float, ...]
     steep: tuple[Plane, ...]
     obstacles: ObstacleSet
     means: Array
+    free: npt.NDArray[np.bool_]
     owner: Index
 
     @classmethod
@@ -126,9 +131,8 @@ class Planes:
             headroom: m that are free above a surface.
             max_slope: rad, steeper ones carry nothing.
         """
-        found, label, means = _find(obstacles, volume, headroom)
+        found, label, means, free = _find(obstacles, volume, headroom)
         slopes: list[Slope] = []
-        heights: list[float] = []
         steep: list[Plane] = []
         owner_of = np.full(len(found) + 1, UNOWNED, np.int64)  # the last stands for none
         skin = obstacles.surface_tolerance
@@ -148,49 +152,91 @@ class Planes:
                 owner_of[k] = 1 + alike[0]
             elif len(slopes) < MOST_SLOPES:
                 slopes.append(plane.slope)
-                heights.append(plane.height)
                 owner_of[k] = len(slopes)
         owner = owner_of[label]
-        return cls(tuple(slopes), tuple(heights), tuple(steep), obstacles, means, owner)
+        return cls(tuple(slopes), tuple(steep), obstacles, means, free, owner)
 
-    def owners(self, cells: npt.NDArray[np.int32], height: Array, slope: Slope) -> Index:
-        """(s,) as `owner`, of surfaces in cells (s, 3) at heights (s,) above a plane of a slope."""
-        off = max(_ON_PLANE, 0.3 * self.obstacles.cell_size)
-        return np.asarray(
-            _owners(self.obstacles.arrays, self.means, self.owner, *slope, cells, height, off)
-        )
+    def tops(self, slope: Slope, tolerance: float) -> Array:
+        """(k, 3) x, y and height above a plane of that slope of the free tops that lie in planes of
+        it, of LEVEL also of those in no plane that is known, beside others of about that height.
 
-    def belonging_to(self, slope: Slope) -> Belongs:
-        """Tells surfaces that lie in a plane of that slope, or in none that is known."""
-        own = self._number(slope)
-
-        def belongs(cells: npt.NDArray[np.int32], height: Array) -> npt.NDArray[np.bool_]:
-            owners = self.owners(cells, height, slope)
-            return np.asarray((owners == own) | (owners == UNOWNED))
-
-        return belongs
-
-    def lies_in(
-        self, cells: npt.NDArray[np.int32], height: Array, slope: Slope
-    ) -> npt.NDArray[np.bool_]:
-        """(s,) which surfaces are known to lie in a plane of that slope; of LEVEL all may."""
+        Args:
+            tolerance: m that their heights differ by at most.
+        """
+        owned = self.owner == (0 if slope == LEVEL else 1 + self.slopes.index(slope))
         if slope == LEVEL:
-            return np.ones(len(cells), np.bool_)
-        return self.owners(cells, height, slope) == self._number(slope)
+            owned |= self.owner == UNOWNED
+        along = self.means.copy()
+        along[:, 2] -= along[:, :2] @ np.array(slope)
+        size, noise = self.obstacles.cell_size, self.obstacles.noise
+        rise = MAX_TILT * size + noise
+        used = owned & self.free
+        beside = _level_beside(self.obstacles.arrays, along[:, 2], used, tolerance, rise)
+        return along[beside >= LEVEL_BESIDE]
 
-    def _number(self, slope: Slope) -> int:
-        return 0 if slope == LEVEL else 1 + self.slopes.index(slope)
+
+@kernel(nogil=True)
+def _level_beside(
+    boxes: ObstacleArrays,
+    height: Array,
+    used: npt.NDArray[np.bool_],
+    tolerance: float,
+    rise: float,
+) -> npt.NDArray[np.int64]:
+    """(m,) in how many of the eight columns around each box another is about as high; 0 of those
+    not used, and where it goes on up on one side and down on the other.
+
+    Args:
+        rise: m from one column to the next from which on it does.
+    """
+    found = np.zeros(len(height), np.int64)
+    for p in range(len(height)):
+        if not used[p]:
+            continue
+        level = 0
+        for way in range(4):
+            i, j = (1, 0, 1, 1)[way], (0, 1, 1, -1)[way]
+            ahead = _step_to(boxes, height, used, p, i, j)
+            behind = _step_to(boxes, height, used, p, -i, -j)
+            level += (abs(ahead) <= tolerance) + (abs(behind) <= tolerance)
+            if min(ahead, behind) < -rise and rise < max(ahead, behind) < math.inf:
+                level = 0
+                break
+        found[p] = level
+    return found
+
+
+@kernel(lean=True)
+def _step_to(
+    boxes: ObstacleArrays, height: Array, used: npt.NDArray[np.bool_], p: int, i: int, j: int
+) -> float:
+    """m from the top of box p to that nearest in height in a column (i, j) away; inf without."""
+    nx, ny, nz = boxes.number_at.shape
+    i += boxes.cells[p, 0]
+    j += boxes.cells[p, 1]
+    best = math.inf
+    if i < 0 or i >= nx or j < 0 or j >= ny:
+        return best
+    for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
+        q = boxes.number_at[i, j, k] - 1
+        while q >= 0:
+            step = height[q] - height[p]
+            if used[q] and abs(step) < abs(best):
+                best = step
+            q = boxes.next[q]
+    return best
 
 
 def _find(
     obstacles: ObstacleSet, volume: TargetVolume, headroom: float
-) -> tuple[list[Plane], Index, Array]:
-    """The planes, which of them each box lies in (-1: none), and the means (m, 3) of the boxes."""
+) -> tuple[list[Plane], Index, Array, npt.NDArray[np.bool_]]:
+    """The planes, which of them each box lies in (-1: none), the means (m, 3) of the boxes, and
+    which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
     means = _means(obstacles, tolerance)
     around = np.array([_AROUND, _AROUND, _BESIDE])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
-    free, _ = free_tops(obstacles.arrays, headroom, tolerance)
+    free = free_tops(obstacles.arrays, headroom, tolerance)
     used = np.asarray(near & free)
     fits = _local_fits(obstacles.arrays, means, used, max(_ON_PLANE, tolerance))
     order = np.argsort(fits[:, 3], kind="stable")
@@ -201,7 +247,12 @@ def _find(
     narrow = (_NARROWEST * obstacles.cell_size) ** 2
     wide = np.array([float(np.linalg.eigvalsh(each.spread)[0]) >= narrow for each in found], bool)
     number = np.append(np.where(wide, wide.cumsum() - 1, -1), -1)  # the last stands for none
-    return [each for each, kept in zip(found, wide, strict=True) if kept], number[label], means
+    return (
+        [each for each, kept in zip(found, wide, strict=True) if kept],
+        number[label],
+        means,
+        free,
+    )
 
 
 def _means(obstacles: ObstacleSet, band: float) -> Array:
@@ -236,6 +287,48 @@ def _plane(row: Array, cell_size: float, least: float) -> Plane:
         spread,
         int(number),
     )
+
+
+@kernel(lean=True)
+def _covers(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
+    """Whether box q takes much of the room above the top of box p.
+
+    A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
+    thick, for a wall goes on in the cell above.
+    """
+    lower, upper, extent = boxes.lower, boxes.upper, boxes.surface_extent
+    if (
+        upper[q, 2] <= boxes.surface_height[p] + tolerance
+        or lower[q, 2] >= boxes.surface_height[p] + headroom
+    ):
+        return False
+    width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
+    along_x = min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
+    along_y = min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1])
+    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
+    return shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
+
+
+@kernel(nogil=True)
+def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.NDArray[np.bool_]:
+    """(m,) whether a box has free space above."""
+    cells = boxes.cells
+    nz = boxes.number_at.shape[2]
+    free = np.zeros(len(cells), np.bool_)
+    layers = int(headroom / boxes.cell_size) + 1
+    for p in range(len(cells)):
+        if cells[p, 2] == nz - 1:
+            continue  # what lies above was cropped away
+        blocked = False
+        for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
+            q = boxes.number_at[cells[p, 0], cells[p, 1], k] - 1
+            while q >= 0 and not blocked:
+                blocked = q != p and _covers(boxes, q, p, headroom, tolerance)
+                q = boxes.next[q]
+            if blocked:
+                break
+        free[p] = not blocked
+    return free
 
 
 @kernel(lean=True)
@@ -366,35 +459,3 @@ def _grow(
             for t in range(tail):
                 label[queue[t]] = -1
     return label, found[:count].copy()
-
-
-@kernel(nogil=True)
-def _owners(
-    boxes: ObstacleArrays,
-    means: Array,
-    owner: Index,
-    slope_x: float,
-    slope_y: float,
-    cells: npt.NDArray[np.int32],
-    height: Array,
-    tolerance: float,
-) -> Index:
-    """`Planes.owners`: of the boxes of planes in a column, that of the nearest in height."""
-    nz = boxes.number_at.shape[2]
-    size = boxes.cell_size
-    result = np.full(len(cells), UNOWNED, np.int64)
-    for s in range(len(cells)):
-        i, j = cells[s, 0], cells[s, 1]
-        x = boxes.origin[0] + (i + 0.5) * size
-        y = boxes.origin[1] + (j + 0.5) * size
-        layer = math.floor((height[s] + slope_x * x + slope_y * y - boxes.origin[2]) / size)
-        nearest = tolerance
-        for k in range(max(layer - 1, 0), min(layer + 2, nz)):
-            q = boxes.number_at[i, j, k] - 1
-            while q >= 0:
-                off = means[q, 2] - slope_x * means[q, 0] - slope_y * means[q, 1] - height[s]
-                if owner[q] != UNOWNED and abs(off) <= nearest:
-                    nearest = abs(off)
-                    result[s] = owner[q]
-                q = boxes.next[q]
-    return result

@@ -19,15 +19,12 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.regions import Region, RegionSettings, largest
-from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.types import LEVEL, Array, TargetVolume, upright
+from placement_planner_ros.core.scene.layers import Layer
+from placement_planner_ros.core.scene.regions import Region, RegionSettings, largest_regions
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
 
 Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
-_LAYERS = 64
-"""Heights at most at which surfaces are gathered."""
 _SAME = 1e-9
 """m by which strips of one rectangle may differ."""
 
@@ -46,18 +43,19 @@ class Footprint(NamedTuple):
     heights: tuple[float, float]
 
 
-class _Layer(NamedTuple):
-    """Surfaces of one height.
+class _Patches(NamedTuple):
+    """Squares of a layer in which something carries."""
 
-    Attributes:
-        height: m, above a plane through the origin.
-        rows: of the support map's surfaces, those at that height that make the layer.
-        near: those that may carry together with them.
-    """
-
-    height: float
-    rows: Index
-    near: Index
+    corner: Array
+    """(2,) m, lower corner of the square (0, 0)."""
+    size: float
+    """m."""
+    cells: Index
+    """(n, 2) which squares."""
+    height: Array
+    """(n,) m, of their surface."""
+    plane: float
+    """m, the height that most of the layer's surface lies at."""
 
 
 def spans(environment: Environment, footprint: Footprint, tolerance: float) -> tuple[Region, ...]:
@@ -74,58 +72,41 @@ def spans(environment: Environment, footprint: Footprint, tolerance: float) -> t
     found: list[Region] = []
     for slope in (LEVEL, *(each.slope for each in environment.inclines)):
         support = environment.support_of(slope)
-        rows = _around(support, environment.volume, 2.0 * footprint.radius)
-        if slope != LEVEL:  # of what is too small to be known to slope, only what lies in its plane
-            known = np.array([r.z for r in environment.regions if r.slope == slope])
-            off = np.abs(support.height[rows, None] - known).min(axis=1, initial=np.inf)
-            rows = rows[off <= settings.height_tolerance]
-        for layer in _layers(support, rows, settings.height_tolerance, tolerance):
-            for hull, members in _hulls(support, layer, footprint):
-                found += _tiles(support, hull, members, footprint, environment.volume, settings)
-    return largest(found, settings)
+        beside = 2.0 * footprint.radius
+        for height in support.heights(environment.volume, beside, settings.height_tolerance):
+            layer = support.layer(height, tolerance)
+            if layer is None:
+                continue
+            patches = _patches(layer, environment.measured.cell_size, height, tolerance)
+            for hull, members in _hulls(patches, slope, footprint):
+                found += _tiles(
+                    patches, slope, hull, members, footprint, environment.volume, settings
+                )
+    return largest_regions(found, settings)
 
 
-def _around(support: SupportMap, volume: TargetVolume, reach: float) -> Index:
-    """Surfaces at heights of V that are no farther from it than that, seen from above."""
-    rectangle = support.rectangle
-    middle = 0.5 * (rectangle[:, :2] + rectangle[:, 2:])
-    near = np.zeros(len(middle), np.bool_)
-    for lower, upper in volume.joined:
-        beside = (rectangle[:, 2:] >= lower[:2] - reach) & (rectangle[:, :2] <= upper[:2] + reach)
-        # of a plane that slopes, what lies within V at the place that is nearest
-        at = np.clip(middle, lower[:2], upper[:2])
-        z = support.height + at @ np.array(support.slope)
-        near |= beside.all(axis=1) & (z >= lower[2]) & (z <= upper[2])
-    return np.flatnonzero(near)
+def _patches(layer: Layer, cell_size: float, height: float, tolerance: float) -> _Patches:
+    """What of a layer carries, in squares of about a cell."""
+    side = max(1, round(cell_size / layer.pixel))
+    shape = [-(-n // side) for n in layer.inside.shape]
+    carries = (layer.inside >= 0.0) & (np.abs(layer.surface - height) <= tolerance)
+    at = np.argwhere(carries)
+    square = at[:, 0] // side * shape[1] + at[:, 1] // side
+    count = np.bincount(square, minlength=shape[0] * shape[1])
+    held = np.flatnonzero(count)
+    total = np.bincount(square, weights=layer.surface[carries], minlength=len(count))
+    cells = np.column_stack(np.divmod(held, shape[1])).astype(np.int64)
+    size = side * layer.pixel
+    corner = layer.origin - 0.5 * layer.pixel
+    return _Patches(corner, size, cells, total[held] / count[held], height)
 
 
-def _layers(
-    support: SupportMap, rows: Index, thickness: float, tolerance: float
-) -> Iterator[_Layer]:
-    """Of those surfaces, groups that differ in height by no more than twice the thickness, those
-    of most surfaces first."""
-    height = support.height
-    left = rows[np.argsort(height[rows], kind="stable")]
-    for _ in range(_LAYERS):
-        if len(left) == 0:
-            return
-        at = height[left]
-        last = np.searchsorted(at, at + 2.0 * thickness, side="right")
-        first = int(np.argmax(last - np.arange(len(at))))
-        middle = float(np.median(at[first : last[first]]))
-        taken = np.abs(at - middle) <= thickness
-        reach = tolerance + thickness
-        yield _Layer(middle, left[taken], np.flatnonzero(np.abs(height - middle) <= reach))
-        left = left[~taken]
-
-
-def _hulls(
-    support: SupportMap, layer: _Layer, footprint: Footprint
-) -> Iterator[tuple[Array, Index]]:
-    """Corners (k, 2) of the hull of each group of surfaces that one object may stand on, and the
-    rows of the layer's surfaces in it."""
-    size = support.cell_size
-    cells = _cells(support, layer.rows)
+def _hulls(patches: _Patches, slope: Slope, footprint: Footprint) -> Iterator[tuple[Array, Index]]:
+    """Corners (k, 2) of the hull of each group of patches that one object may stand on, and the
+    rows of those in it."""
+    size, cells = patches.size, patches.cells
+    if not len(cells):
+        return
     reach = int(np.ceil(footprint.radius / size)) + 1
     low = cells.min(axis=0) - reach
     shape = cells.max(axis=0) - low + reach + 1
@@ -133,24 +114,22 @@ def _hulls(
     filled[tuple((cells - low).T)] = True
     groups, count = label(maximum_filter(filled, 2 * reach + 1), np.ones((3, 3)))
     of_rows = groups[tuple((cells - low).T)]
-    around = _cells(support, layer.near) - low
-    within = ((around >= 0) & (around < shape)).all(axis=1)
-    around = around[within]
-    of_near = groups[tuple(around.T)]
     for group in range(1, count + 1):
-        members = (around[of_near == group] + low) * size + support.origin[:2]
-        corners = np.concatenate([members + size * np.array(c) for c in np.ndindex(2, 2)])
+        members = np.flatnonzero(of_rows == group)
+        lower = patches.corner + cells[members] * size
+        corners = np.concatenate([lower + size * np.array(c) for c in np.ndindex(2, 2)])
         if (np.ptp(corners, axis=0) < 2.0 * footprint.margin).any():
             continue
         # along the normal of the plane the foot lies elsewhere than along gravity
-        shift = upright(support.slope)[:2, 2]
+        shift = upright(slope)[:2, 2]
         shifted = [corners - each * shift for each in {0.0, *footprint.heights}]
         corners = np.concatenate(shifted)
-        yield corners[ConvexHull(corners).vertices], layer.rows[of_rows == group]
+        yield corners[ConvexHull(corners).vertices], members
 
 
 def _tiles(
-    support: SupportMap,
+    patches: _Patches,
+    slope: Slope,
     hull: Array,
     members: Index,
     footprint: Footprint,
@@ -168,9 +147,10 @@ def _tiles(
     x, y = (
         np.linspace(a, b, n + 1) for a, b, n in zip(clipped_low, clipped_high, number, strict=True)
     )
-    rectangle, height = support.rectangle[members], support.height[members]
+    lower, height = patches.corner + patches.cells[members] * patches.size, patches.height[members]
+    near_plane = np.abs(height - patches.plane) <= settings.height_tolerance
     for i in range(number[0]):
-        strips = _strips(hull, x[i], x[i + 1], support.cell_size)
+        strips = _strips(hull, x[i], x[i + 1], patches.size)
         for j in range(number[1]):
             parts = strips.copy()
             parts[:, 1] = np.maximum(parts[:, 1], y[j])
@@ -178,13 +158,13 @@ def _tiles(
             parts = parts[parts[:, 3] > parts[:, 1]]
             if len(parts) == 0:
                 continue
-            beside = np.array([x[i], y[j], x[i + 1], y[j + 1]])
-            beside += footprint.radius * np.array([-1.0, -1.0, 1.0, 1.0])
-            near = (rectangle[:, 2:] >= beside[:2]) & (rectangle[:, :2] <= beside[2:])
-            around = height[near.all(axis=1)]
-            z = float(np.median(around if len(around) else height))
-            section = volume.section(z) if support.slope == LEVEL else flat
-            region = Region(parts, z, slope=support.slope).within(section)
+            first = np.array([x[i], y[j]]) - footprint.radius
+            last = np.array([x[i + 1], y[j + 1]]) + footprint.radius
+            near = ((lower + patches.size >= first) & (lower <= last)).all(axis=1) & near_plane
+            around = height[near]
+            z = float(np.median(around)) if len(around) else patches.plane
+            section = volume.section(z) if slope == LEVEL else flat
+            region = Region(parts, z, slope=slope).within(section)
             if region is not None:
                 yield region
 
@@ -215,9 +195,3 @@ def _values(chain: Array, x0: float, x1: float, sign: float) -> float:
     inside = chain[(chain[:, 0] >= x0) & (chain[:, 0] <= x1), 1]
     ends = np.interp([x0, x1], chain[:, 0], chain[:, 1])
     return float(sign * np.max(sign * np.concatenate([inside, ends])))
-
-
-def _cells(support: SupportMap, rows: Index) -> Index:
-    """(k, 2) columns of those surfaces."""
-    column = np.searchsorted(support.start, rows, side="right") - 1
-    return np.column_stack(np.divmod(column, support.columns[1])).astype(np.int64)

@@ -1,237 +1,138 @@
-"""s(x): what may stand where, judged by the points that were measured at the end of a surface.
-
-Where a surface goes on in all eight columns around one, that column carries whatever stands on it.
-In the others, at the end of the surface, a point is supported where measured points surround it:
-where it lies in the hull of those within a short way of it (`SupportMap.radius`). So an edge is
-never taken for further out than it was measured, however it runs through the cells. A place within
-a disc without points that is wider than the points leave anyway is in a gap (`support_holes`), and
-so is one through whose middle something was seen below (`support_sights`).
-"""
+"""s(x): what may stand where, looked up in layers that are made when they are first asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+import threading
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.height_noise import height_noise
-from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
-from placement_planner_ros.core.scene.support_bars import (
-    gaps_of_bars,
-    nothing_below,
-    points_below,
-)
-from placement_planner_ros.core.scene.support_columns import (
-    DEEP,
-    Columns,
-    kinds,
-    points_on,
-    radii,
-)
-from placement_planner_ros.core.scene.support_ends import end_within, find_ends, keeps, leave_out
-from placement_planner_ros.core.scene.support_holes import (
-    PARTS,
-    around_holes,
-    by_surface,
-    empty_discs,
-    parts_in_holes,
-)
-from placement_planner_ros.core.scene.support_meshes import gaps_of_meshes
-from placement_planner_ros.core.scene.support_points import on_surface
-from placement_planner_ros.core.scene.support_sights import seen_through
-from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
-from placement_planner_ros.core.scene.surfaces import LevelSurfaces
-from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
+from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layer
+from placement_planner_ros.core.scene.transforms import Field, Index
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
-_NOISY = 1.3
-"""Times as wide must gaps be in noisy clouds: those of cameras have holes of their own."""
-_UNASKED = np.zeros(0, np.bool_)
-"""For `ends` where nothing is to be kept from them."""
+MOST_HEIGHTS = 64
+"""Heights at most at which surface is looked for."""
+FEWEST_TOPS = 3
+"""Pieces of surface as large as a cell that the surfaces at one height have, at least."""
+BEND_M = 0.03
+"""m between places whose heights, of noisy points, share none of these."""
+NOT_MADE, EMPTY = -1, -2
+"""In place of a layer's number."""
 
 
-@dataclass(frozen=True, eq=False)
+class LayerStack(NamedTuple):
+    """Layers as kernels read them, one behind the other."""
+
+    low: int
+    """Of the first height, in steps of `LAYER_STEP_M`."""
+    number: Index
+    """(h,) the layer of each height, a step apart."""
+    layout: Array
+    """(l, 6) of each layer: x and y of the first pixel, m between pixels, how many along x and y,
+    and which is the first of its pixels."""
+    inside: Field
+    """(p,) of all pixels of all layers, as those below, see `Layer`."""
+    from_end: Field
+    surface: Field
+    top: Field
+
+
 class SupportMap:
-    """Every surface of one slope of the obstacle set, in V or not: what a face may rest on.
-
-    Heights are those above a plane of that slope through the origin: `above`.
+    """Every surface of one slope, in V and up to `AROUND_M` beside it: what a face may rest on.
 
     Attributes:
-        origin, cell_size, columns: of the grid; how many columns of cells along x and y.
-        start: (nx * ny + 1,) first surface of each column of the grid, and their number.
-        cells: (s, 3) of the grid.
-        height: (s,) z of each surface.
-        rectangle: (s, 4) xmin, ymin, xmax, ymax.
-        kind: (s,) whether the surface ends in its column or beside it, see above.
-        radius: (s,) m, how far apart the points may be that surround what they support.
-        first: (s + 1,) first of each surface's points, and their number.
-        points: (k, 2) x and y of what was measured on the surfaces.
+        slope: of the surfaces.
         noise: of the points, standard deviation, m.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
-        step: heights of one surface differ by no more from one column to the next, m.
-        alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
-        first_hole: (s + 1,) first of the gaps that reach into each surface's column, their number.
-        holes: (h, 3) x, y and radius of discs that are gaps, see `support_holes`.
-        obstacles: what stands around, sheared by the slope.
-        slope: of the surfaces.
+        tops: (k, 3) x, y and height of pieces of surface as large as a cell, with headroom.
+
+    Args:
+        headroom: m.
     """
 
-    origin: Array
-    cell_size: float
-    columns: tuple[int, int]
-    start: npt.NDArray[np.int64]
-    cells: npt.NDArray[np.int32]
-    height: Array
-    rectangle: Array
-    kind: npt.NDArray[np.uint8]
-    radius: Array
-    first: npt.NDArray[np.int64]
-    points: npt.NDArray[np.float32]
-    noise: float
-    trim: float
-    step: float
-    alone: Array
-    first_hole: npt.NDArray[np.int64]
-    holes: Array
-    obstacles: ObstacleArrays
-    slope: Slope = LEVEL
+    def __init__(self, cloud: SlopeCloud, headroom: float) -> None:
+        self.slope: Slope = cloud.slope
+        self.noise = cloud.noise
+        self.trim = 2.0 * cloud.noise
+        self._cloud = cloud
+        self._headroom = headroom
+        self.tops = cloud.tops
+        self._layers: dict[float, list[Layer]] = {}
+        self._numbers: dict[tuple[int, float], int] = {}
+        self._stacks: dict[float, LayerStack] = {}
+        self._lock = threading.Lock()
 
-    @classmethod
-    def of(
-        cls,
-        obstacles: ObstacleSet,
-        surfaces: LevelSurfaces,
-        slope: Slope,
-        asked: npt.NDArray[np.bool_],
-        sights: Sequence[View] = (),
-    ) -> SupportMap:
-        """Of the level surfaces of an obstacle set that was sheared by a slope.
+    def layer(self, height: float, tolerance: float) -> Layer | None:
+        """The layer that answers for a height; None where nothing was measured there."""
+        number = self._number(height, tolerance)
+        if number == NOT_MADE:
+            self._make(height, tolerance)
+            number = self._number(height, tolerance)
+        return None if number == EMPTY else self._layers[tolerance][number]
+
+    def _number(self, height: float, tolerance: float) -> int:
+        """Of the layer that answers for a height, or `NOT_MADE` or `EMPTY`."""
+        return self._numbers.get((round(height / LAYER_STEP_M), tolerance), NOT_MADE)
+
+    def _make(self, height: float, tolerance: float) -> None:
+        """Add the layer that answers for a height."""
+        with self._lock:  # two threads may ask for it
+            step = round(height / LAYER_STEP_M)
+            if (step, tolerance) in self._numbers:
+                return
+            layers = self._layers.setdefault(tolerance, [])
+            made = make_layer(self._cloud, step * LAYER_STEP_M, tolerance, self._headroom)
+            self._numbers[step, tolerance] = EMPTY if made is None else len(layers)
+            if made is not None:
+                layers.append(made)
+            self._stacks.pop(tolerance, None)
+
+    def _stack(self, tolerance: float) -> LayerStack:
+        """All layers that there are by now."""
+        with self._lock:
+            if tolerance not in self._stacks:
+                known = {s: n for (s, of), n in self._numbers.items() if of == tolerance}
+                low, high = min(known, default=0), max(known, default=0)
+                number = np.full(high - low + 1, NOT_MADE, np.int32)
+                for step, layer in known.items():
+                    number[step - low] = layer
+                self._stacks[tolerance] = _stacked(self._layers.get(tolerance, []), low, number)
+            return self._stacks[tolerance]
+
+    def heights(self, volume: TargetVolume, beside: float, tolerance: float) -> list[float]:
+        """m, heights at which there is surface in V, those of most surface first.
+
+        Surfaces that differ in height by no more than twice the tolerance are of one; in noise,
+        what is that much nearer to one that has been found is of it, too.
 
         Args:
-            asked: (s,) which surfaces' gaps count; nothing is to be placed at the others' heights.
-            sights: what sensors at known places measured, not sheared: what they saw below a
-                surface proves gaps in it.
+            beside: m around V, in x and y, in which surfaces count.
+            tolerance: metres.
         """
-        nx, ny, _ = obstacles.shape
-        tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-        step = 2.0 * tolerance
-        cells, start, height = surfaces.cells, surfaces.start, surfaces.height
-        measured = obstacles.surface_points, obstacles.surface_first
-        size = obstacles.cell_size
-        first, points, filled = points_on(obstacles.arrays, *measured, cells, height, step)
-        radius = radii(cells, start, height, first, nx, ny, size, step)
-        none = np.zeros(len(height) + 1, np.int64)
-
-        def kind(holed: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-            return np.asarray(
-                kinds(cells, start, height, filled, holed, radius, nx, ny, size, step)
-            )
-
-        closed = cls(
-            obstacles.origin,
-            size,
-            (nx, ny),
-            start,
-            cells,
-            frozen_array(height),
-            surfaces.rectangle,
-            kind(none[1:] > 0),
-            radius,
-            first,
-            points,
-            obstacles.noise,
-            2.0 * obstacles.noise,
-            step,
-            np.full(len(height), np.inf),
-            none,
-            np.zeros((0, 3)),
-            obstacles.arrays,
-            slope,
-        )
-        view = closed._view
-        narrowest, beside = narrowest_gaps(view, cells, asked)
-        narrowest *= _NOISY if obstacles.noise > 0.0 else 1.0
-        narrowest = np.minimum(narrowest, gaps_of_meshes(view, cells, beside))
-        of_all = obstacles.points, obstacles.first_point
-        clean = asked & (obstacles.noise == 0.0)  # noise is below and beside a surface, too
-        below = points_below(view, clean, obstacles.arrays, *of_all)
-        bars = gaps_of_bars(view, cells, clean, below)
-        bars[bars >= narrowest] = np.inf
-        of_bars = empty_discs(view, obstacles.arrays, cells, bars)
-        discs = np.vstack(
-            [
-                empty_discs(view, obstacles.arrays, cells, narrowest),
-                of_bars[nothing_below(view, below, of_bars)],
-                seen_through(view, asked, sights, slope, obstacles.noise),
-            ]
-        )
-        first_hole, holes = by_surface(view, discs)
-        holed = np.diff(first_hole) > 0
-        return replace(
-            closed, kind=kind(holed), alone=narrowest, first_hole=first_hole, holes=holes
-        )
-
-    @cached_property
-    def ends(self) -> npt.NDArray[np.bool_]:
-        """(k,) beyond which of the points a surface that ends drops, or was not seen.
-
-        Asked for where more than a cell is to be kept from them, or they are weighed.
-        """
-        return np.asarray(find_ends(self._view, self.obstacles, self.step))
-
-    @cached_property
-    def height_noise(self) -> float:
-        """m by which noise makes heights of one surface differ."""
-        return height_noise(self.columns, self.start, self.height, self.noise)
-
-    @cached_property
-    def _view(self) -> Columns:
-        return Columns(
-            self.origin,
-            self.cell_size,
-            *self.columns,
-            self.start,
-            self.height,
-            self.kind,
-            self.radius,
-            self.first,
-            self.points,
-            self.step,
-            self.alone,
-            self.first_hole,
-            self.holes,
-        )
-
-    @property
-    def holed(self) -> npt.NDArray[np.int64]:
-        """(k,) surfaces with gaps."""
-        return np.flatnonzero(np.diff(self.first_hole))
-
-    @cached_property
-    def parts_in_holes(self) -> npt.NDArray[np.bool_]:
-        """(k, 8, 8) which parts of the columns of `holed` surfaces surely carry nothing, by x, y.
-
-        They are all the parts of a column that are gaps but for the ones that a gap ends in.
-        """
-        return np.asarray(parts_in_holes(self._view, self.cells, self.holed))
-
-    def whole_parts(self) -> tuple[Array, npt.NDArray[np.int64]]:
-        """(n, 4) disjoint rectangles of all surfaces without their gaps; (n,) of which each is."""
-        holed = self.holed
-        rows = np.arange(len(self.height))
-        if not len(holed):
-            return self.rectangle, rows
-        lower = self.origin[:2] + self.cells[holed, :2] * self.cell_size
-        edge = self.cell_size / PARTS
-        found, of = around_holes(self.rectangle[holed], lower, edge, self.parts_in_holes)
-        solid = np.delete(rows, holed)
-        order = np.argsort(row := np.concatenate([solid, holed[of]]), kind="stable")
-        return np.concatenate([self.rectangle[solid], found])[order], row[order]
+        inside = np.zeros(len(self.tops), np.bool_)
+        for lower, upper in volume.joined:
+            near = (self.tops[:, :2] >= lower[:2] - beside).all(axis=1)
+            near &= (self.tops[:, :2] <= upper[:2] + beside).all(axis=1)
+            # of a plane that slopes, what lies within V at the place that is nearest
+            at = np.clip(self.tops[:, :2], lower[:2], upper[:2])
+            z = self.tops[:, 2] + at @ np.array(self.slope)
+            inside |= near & (z >= lower[2] - tolerance) & (z <= upper[2] + tolerance)
+        left = np.sort(self.tops[inside, 2])
+        found: list[float] = []
+        while len(left) and len(found) < MOST_HEIGHTS:
+            last = np.searchsorted(left, left + 2.0 * tolerance, side="right")
+            many = last - np.arange(len(left))
+            first = int(np.argmax(many))
+            if many[first] < FEWEST_TOPS:
+                break
+            found.append(float(np.median(left[first : last[first]])))
+            left = left[np.abs(left - found[-1]) > tolerance + self.noise]
+        return found
 
     def above(self, points: Array) -> Array:
         """(n, 3) points with their height above the plane through the origin as z, metres."""
@@ -273,71 +174,201 @@ class SupportMap:
             first: (m + 1,) where groups of points begin, and n. Of a group of which one point is
                 not supported, others may be NaN, too. Each point is one unless given.
         """
-        beside = 0.0 if margin is None else margin + self.trim
-        return np.asarray(
-            _gaps(
-                np.ascontiguousarray(self.above(points), dtype=np.float64),
-                np.arange(len(points) + 1) if first is None else first,
-                tolerance,
-                beside,
-                self._view,
-                self.ends if beside > self.cell_size else _UNASKED,
-                self.obstacles,
-            )
-        )
+        keeps = 0.0 if margin is None else margin + self.trim
+        above = np.ascontiguousarray(self.above(points), dtype=np.float64)
+        groups = np.arange(len(points) + 1) if first is None else first
+        while True:
+            result, missing = _gaps(above, groups, tolerance, keeps, self._stack(tolerance))
+            if math.isnan(missing):
+                return np.asarray(result)
+            self._make(missing, tolerance)
 
-    def roomy(
-        self, z: float, tolerance: float, margin: float | None, off: float = 0.0
-    ) -> npt.NDArray[np.bool_]:
-        """(s,) the surfaces on some point of which something may stand at height z.
+    def room(self, z: float, tolerance: float, margin: float | None, off: float) -> Array:
+        """(n, 4) xmin, ymin, xmax, ymax of squares outside of which nothing may stand at height z.
 
         Args:
             z: metres, above the plane through the origin.
             tolerance, margin: metres; as for `gaps`.
             off: at any height that differs from z by no more, metres.
         """
-        near = np.asarray(np.abs(self.height - z) <= tolerance + off)
-        near[self.holed[self.parts_in_holes.all(axis=(1, 2))]] = False
-        if margin is not None and margin + self.trim > self.cell_size:
-            surely = np.asarray(np.abs(self.height - z) <= tolerance - off)
-            leave_out(self._view, self.ends, surely, margin + self.trim, near)
-        return near
+        keeps = 0.0 if margin is None else margin + self.trim
+        squares = [np.zeros((0, 4))]
+        for step in range(round((z - off) / LAYER_STEP_M), round((z + off) / LAYER_STEP_M) + 1):
+            layer = self.layer(step * LAYER_STEP_M, tolerance)
+            if layer is None:
+                continue
+            may = (layer.inside >= 0.0) & (layer.from_end >= (keeps if keeps > 0.0 else -np.inf))
+            # between four pixels something stands only where it does on one of them
+            at = layer.origin + np.argwhere(may) * layer.pixel
+            squares.append(np.hstack([at - layer.pixel, at + layer.pixel]))
+        return np.concatenate(squares)
+
+    def ends(self, height: float, tolerance: float) -> Array:
+        """(n, 2) where the surfaces about a height end, but where a thing stands.
+
+        Args:
+            height: metres, above the plane through the origin.
+            tolerance: m above or below.
+        """
+        layer = self.layer(height, tolerance)
+        if layer is None:
+            return np.zeros((0, 2))
+        # pixels beside an end, moved onto it along the way that it is away
+        beside = (np.abs(layer.from_end) <= layer.pixel) & (layer.inside >= -layer.pixel)
+        along_x, along_y = (
+            np.gradient(layer.from_end, layer.pixel, axis=axis)[beside] for axis in range(2)
+        )
+        ways = np.column_stack([along_x, along_y])
+        ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 0.5)
+        at = layer.origin + np.argwhere(beside) * layer.pixel
+        return np.asarray(at - layer.from_end[beside][:, None] * ways)
+
+    def rising(
+        self, touching: Array, frames: Array, low: Array, planes: Array, tolerance: float
+    ) -> npt.NDArray[np.bool_]:
+        """(n,) whether some surface lies above the plane that an object stands on, and under it.
+
+        Args:
+            touching: (k, 2) points of the object that lie in its contact plane, in a frame there.
+            frames: (n, 4, 4) those of the contact planes, in the world.
+            low: (n,) m above each, at the origin of its frame, from which on a surface counts.
+            planes: (n, 3) of which the last two are by how much more that is along the axes.
+            tolerance: m above the contact plane up to which it does.
+        """
+        while True:
+            stack = self._stack(tolerance)
+            found, missing = _rising(touching, frames, self.slope, low, planes, tolerance, stack)
+            if math.isnan(missing):
+                return np.asarray(found)
+            self._make(missing, tolerance)
+
+    @cached_property
+    def height_noise(self) -> float:
+        """m by which noise makes heights differ, those of the points at most.
+
+        From how heights differ from the middle between two to either side that share no points.
+        """
+        largest = max(
+            (layer for layers in self._layers.values() for layer in layers),
+            key=lambda layer: layer.surface.size,
+            default=None,
+        )
+        if self.noise == 0.0 or largest is None:
+            return self.noise
+        held = (largest.inside > 0.0) & np.isfinite(largest.surface)
+        known = np.where(held, largest.surface, np.nan)
+        lag = round(BEND_M / largest.pixel)
+        bends = [
+            np.abs(along[lag:-lag] - 0.5 * (along[: -2 * lag] + along[2 * lag :])).ravel()
+            for along in (known, known.T)
+        ]
+        found = np.concatenate(bends)
+        found = found[np.isfinite(found)]
+        if len(found) < FEWEST_BENDS:
+            return self.noise
+        deviation = 1.4826 * float(np.median(found)) / math.sqrt(1.5)
+        return min(self.noise, SURE * deviation)
+
+
+FEWEST_BENDS = 100
+"""Heights that tell how far noise makes them differ."""
+SURE = 4.0
+"""Standard deviations beyond which noise does not explain a difference."""
+
+
+def _stacked(layers: list[Layer], low: int, number: Index) -> LayerStack:
+    sizes = [layer.inside.size for layer in layers]
+    starts = np.cumsum([0, *sizes])[: len(layers)]
+    layout = [
+        (*layer.origin, layer.pixel, *layer.inside.shape, start)
+        for layer, start in zip(layers, starts, strict=True)
+    ]
+    empty = np.zeros(0, np.float32)
+    fields = (
+        np.concatenate([empty, *(getattr(layer, name).ravel() for layer in layers)])
+        for name in ("inside", "from_end", "surface", "top")
+    )
+    return LayerStack(low, number, np.array(layout).reshape(-1, 6), *fields)
+
+
+@kernel(lean=True)
+def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
+    """Value between the four pixels around a place; -inf beside the layer.
+
+    Args:
+        layout: (6,) of the layer, see `LayerStack`.
+    """
+    nx, ny, start = int(layout[3]), int(layout[4]), int(layout[5])
+    u, v = (x - layout[0]) / layout[2], (y - layout[1]) / layout[2]
+    if not (0.0 <= u < nx - 1.0 and 0.0 <= v < ny - 1.0):
+        return -math.inf
+    i, j = int(u), int(v)
+    u -= i
+    v -= j
+    row = start + i * ny + j
+    near = field[row] * (1.0 - v) + field[row + 1] * v
+    far = field[row + ny] * (1.0 - v) + field[row + ny + 1] * v
+    return float(near * (1.0 - u) + far * u)
 
 
 @kernel(nogil=True)
 def _gaps(
-    points: Array,
-    first: npt.NDArray[np.int64],
-    tolerance: float,
-    margin: float,
-    columns: Columns,
-    ends: npt.NDArray[np.bool_],
-    boxes: ObstacleArrays,
-) -> Array:
-    """`SupportMap.gaps`."""
+    points: Array, first: npt.NDArray[np.int64], tolerance: float, keeps: float, stack: LayerStack
+) -> tuple[Array, float]:
+    """`SupportMap.gaps`, and a height whose layer must be made before; NaN where all are there."""
     result = np.full(len(points), np.nan)
-    surface = np.full(len(points), -1)
-    beside = min(margin, columns.cell_size)
     for group in range(len(first) - 1):
-        begin, end = first[group], first[group + 1]
-        # To ask for the margin takes far longer than whether there is surface.
-        carried = True
-        for p in range(begin, end):
-            surface[p] = on_surface(columns, points[p, 0], points[p, 1], points[p, 2], tolerance)
-            if surface[p] < 0:
-                carried = False
+        for p in range(first[group], first[group + 1]):
+            x, y, z = points[p, 0], points[p, 1], points[p, 2]
+            step = round(z / LAYER_STEP_M) - stack.low
+            if step < 0 or step >= len(stack.number) or stack.number[step] == NOT_MADE:
+                return result, z
+            number = stack.number[step]
+            if number == EMPTY:
                 break
-        if not carried:
-            continue
-        for p in range(begin, end):
-            x, y, z, s = points[p, 0], points[p, 1], points[p, 2], surface[p]
-            if margin > 0.0:
-                kind = columns.kind[s]
-                if kind != DEEP and not keeps(columns, boxes, s, x, y, z, tolerance, beside):
-                    break
-                if margin > columns.cell_size and end_within(
-                    columns, ends, x, y, z, tolerance, margin
-                ):
-                    break
-            result[p] = columns.height[s] - z
-    return result
+            layout = stack.layout[number]
+            # within the surface, and far enough from its end
+            if interpolated(stack.inside, layout, x, y) < 0.0:
+                break
+            if keeps > 0.0 and interpolated(stack.from_end, layout, x, y) < keeps:
+                break
+            gap = interpolated(stack.surface, layout, x, y) - z
+            if not abs(gap) <= tolerance:
+                break
+            result[p] = gap
+    return result, math.nan
+
+
+@kernel(nogil=True)
+def _rising(
+    touching: Array,
+    frames: Array,
+    slope: Slope,
+    low: Array,
+    planes: Array,
+    tolerance: float,
+    stack: LayerStack,
+) -> tuple[npt.NDArray[np.bool_], float]:
+    """`SupportMap.rising`, and a height whose layer must be made before, or NaN."""
+    found = np.zeros(len(frames), np.bool_)
+    for n in range(len(frames)):
+        T = frames[n]
+        for k in range(len(touching)):
+            a, b = touching[k, 0], touching[k, 1]
+            x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
+            y = T[1, 0] * a + T[1, 1] * b + T[1, 3]
+            z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
+            step = round(z / LAYER_STEP_M) - stack.low
+            if step < 0 or step >= len(stack.number) or stack.number[step] == NOT_MADE:
+                return found, z
+            if stack.number[step] == EMPTY:
+                continue
+            layout = stack.layout[stack.number[step]]
+            i, j = round((x - layout[0]) / layout[2]), round((y - layout[1]) / layout[2])
+            if not (0 <= i < layout[3] and 0 <= j < layout[4]):
+                continue
+            above = stack.top[int(layout[5] + i * layout[4]) + j] - z
+            if low[n] + planes[n, 1] * a + planes[n, 2] * b < above <= tolerance:
+                found[n] = True
+                break
+    return found, math.nan

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
 from placement_planner_ros.core.search.sampler import (
     BatchSampler,

@@ -112,11 +112,8 @@ class KnownTask:
         objective_gradient(objective, _translated_pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
-        support.roomy(0.0, 0.003, 0.05)
-        one, far_below = (
-            _translated_pose(0.05, 0.05, 0.06).homogeneous[None],
-            np.array([[-10.0, 0.0, 0.0]]),
-        )
+        support.supported(np.zeros((1, 3)), 0.003, 0.05)
+        one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
         rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
         none = np.zeros(1)
         rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
@@ -232,11 +229,6 @@ def _noisy_surroundings(
     seen = points[~flying_pixels(points, eye)]
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
     Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
-    # thinned, so that 27 cells hold few points
-    sparse = _level_points(0.15, 0.15, 0.0)
-    sparse = sparse[np.unique(np.floor(sparse / 0.009), axis=0, return_index=True)[1]]
-    sparse += 0.0005 * np.random.default_rng(1).normal(size=sparse.shape)
-    ObstacleSet.from_points(sparse)
     return Environment.from_points(points, volume, settings, None, bounds)
 
 

@@ -11,7 +11,7 @@ from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import Verdict
 

@@ -13,7 +13,7 @@ from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among, flying_pixels
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,

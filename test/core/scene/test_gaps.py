@@ -16,24 +16,19 @@ from helpers.gratings import (
     support_of,
     wires,
 )
+from scipy.spatial import cKDTree
 
-from placement_planner_ros.core.scene.support_meshes import gaps_of_meshes
 from placement_planner_ros.core.types import upright
 
 TOLERANCE = 0.003
 
 
-def room_of(support, probes, **asked):
-    """(n,) whether the bounds let something stand in the column of each probe (n, 2)."""
-    roomy = support.roomy(Z, TOLERANCE, 0.0, 0.0005)
-    i, j = np.floor((probes - support.origin[:2]) / support.cell_size).astype(int).T
-    column = i * support.columns[1] + j
-    return np.array([roomy[support.start[c] : support.start[c + 1]].any() for c in column])
-
-
-def meshes_of(support):
-    """(s,) `gaps_of_meshes` wherever it could be asked."""
-    return gaps_of_meshes(support._view, support.cells, np.ones(len(support.height)))
+def room_of(support, probes):
+    """(n,) whether the bounds let something stand at each probe (n, 2)."""
+    squares = support.room(Z, TOLERANCE, 0.0, 0.0005)
+    half = 0.5 * (squares[0, 2] - squares[0, 0]) + 1e-9
+    away, _ = cKDTree(squares[:, :2] + half).query(probes, p=np.inf)
+    return away <= half
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
@@ -57,8 +52,8 @@ def test_bars_carry_and_the_gaps_between_them_do_not(width, gap, spacing, seed, 
         probes = rng.uniform(-HALF, HALF, (8000, 2))
         stands = support.supported(at(probes), TOLERANCE)
         depth, well = inside(probes), outline(probes) > 0.02
-        assert depth[stands & (outline(probes) > 0.02)].min() > -0.1 * spacing - 1e-4
-        assert stands[well & (depth > 0.6 * spacing)].mean() > 0.8
+        assert depth[stands & well].min() > -0.5e-3  # half a pixel
+        assert stands[well & (depth > 0.6 * spacing)].mean() > 0.7
         assert room_of(support, probes)[stands].all()
 
 
@@ -86,10 +81,10 @@ def test_holes_are_gaps_up_to_their_rounded_corners(inside, spacing, hole):
 @pytest.mark.parametrize("cell", [0.01, 0.02])
 @pytest.mark.parametrize(
     ("width", "gap", "spacing"),
-    [(0.0026, 0.0102, 0.005), (0.003, 0.015, 0.005), (0.002, 0.008, 0.003), (0.004, 0.03, 0.006)],
+    [(0.003, 0.0125, 0.005), (0.003, 0.015, 0.005), (0.002, 0.008, 0.003), (0.004, 0.03, 0.006)],
 )
 @pytest.mark.parametrize("seed", [0, 1])
-def test_holes_of_meshes_that_are_two_spacings_wide(width, gap, spacing, seed, cell):
+def test_holes_of_meshes_that_are_two_and_a_half_spacings_wide(width, gap, spacing, seed, cell):
     """All that holds for each point of a wire holds for one of a table with points so sparse."""
     rng = np.random.default_rng(seed)
     xy, inside = along_wires(width, gap, spacing, rng, seed * rng.uniform(0.0, np.pi))
@@ -99,7 +94,7 @@ def test_holes_of_meshes_that_are_two_spacings_wide(width, gap, spacing, seed, c
     stands = support.supported(at(probes), TOLERANCE)
     depth = inside(probes)
     assert stands[depth < -0.0015].mean() < 0.05
-    assert not stands[depth < -0.35 * gap].any()
+    assert not stands[depth < -0.4 * gap].any()
     assert room_of(support, probes)[stands].all()
 
 
@@ -139,42 +134,29 @@ def test_all_of_the_top_of_a_can_carries(spacing):
 @pytest.mark.parametrize("cell", [0.01, 0.02])
 def test_rows_without_flanks_and_sheets_with_an_underside_are_solid(cell):
     rng = np.random.default_rng(10)
-    rows = at(sampled(solid, 0.0025, rng, 0.4, "rows", 4.0))
+    rows = at(sampled(solid, 0.0018, rng, 0.4, "rows", 4.0))
     top, bottom = (at(sampled(solid, 0.004, rng, rng.uniform(0.0, 1.0)), z) for z in (Z, Z - 0.004))
     probes = rng.uniform(-0.07, 0.07, (5000, 2))
-    scattered = [at(sampled(solid, 0.003, rng, kind="random"), z) for z in (Z, Z - 0.004)]
+    scattered = [at(sampled(solid, 0.002, rng, kind="random"), z) for z in (Z, Z - 0.004)]
     for points in (rows, np.vstack([top, bottom]), np.vstack(scattered)):
         _, support = support_of(points, cell)
         assert support.supported(at(probes), TOLERANCE).mean() > 0.98
 
 
-@pytest.mark.parametrize("cell", [0.01, 0.02])
-@pytest.mark.parametrize("kept", [0.95, 0.89, 0.8])
-def test_points_missing_from_a_lattice_here_and_there_are_no_mesh(kept, cell):
+@pytest.mark.parametrize("kept", [0.95, 0.89, 0.8, 0.5])
+def test_points_missing_from_a_lattice_here_and_there_are_no_gaps(kept):
     rng = np.random.default_rng(8)
-    xy = sampled(solid, 0.003, rng, 0.4)
-    _, support = support_of(at(xy[rng.random(len(xy)) < kept]), cell)
-    assert not np.isfinite(meshes_of(support)).any()
-
-
-@pytest.mark.parametrize("cell", [0.01, 0.02])
-@pytest.mark.parametrize("kind", ["lattice", "random", "rows", "noise"])
-def test_no_solid_surface_is_a_mesh(kind, cell):
-    rng = np.random.default_rng(9)
-    for spacing in (0.002, 0.004):
-        along = 4.0 if kind == "rows" else 1.0
-        points = at(sampled(solid, spacing / np.sqrt(along), rng, 0.4, kind, along))
-        if kind == "noise":
-            points = points + rng.normal(0.0, 0.003, points.shape)
-        _, support = support_of(points, cell)
-        assert not np.isfinite(meshes_of(support)).any()
+    xy = sampled(solid, 0.0015, rng, 0.4)
+    _, support = support_of(at(xy[rng.random(len(xy)) < kept]))
+    probes = rng.uniform(-0.07, 0.07, (5000, 2))
+    assert support.supported(at(probes), TOLERANCE).mean() > 0.97
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
 @pytest.mark.parametrize("kind", ["lattice", "random", "rows", "noise"])
 def test_solid_surfaces_stay_solid_however_they_are_sampled(kind, cell):
     rng = np.random.default_rng(4)
-    for spacing in (0.002, 0.004):
+    for spacing in (0.001, 0.002):
         along = 4.0 if kind == "rows" else 1.0
         xy = sampled(solid, spacing / np.sqrt(along), rng, 0.4, kind, along)
         points = at(xy)
@@ -183,17 +165,19 @@ def test_solid_surfaces_stay_solid_however_they_are_sampled(kind, cell):
         _, support = support_of(points, cell)
         probes = rng.uniform(-0.07, 0.07, (5000, 2))
         stands = support.supported(at(probes), TOLERANCE)
-        assert stands.mean() > (0.99 if kind in ("lattice", "rows") else 0.985)
+        assert stands.mean() > 0.99
 
 
-def test_density_that_changes_is_no_gap():
-    """Where two clouds of different spacing meet."""
+def test_where_density_changes_a_strip_is_lost_and_no_more():
+    """Where two clouds of different spacing meet: dense and sparse, as of a mesh."""
     rng = np.random.default_rng(5)
     dense, sparse = (sampled(solid, spacing, rng, 0.4) for spacing in (0.0015, 0.005))
     points = at(np.vstack([dense[dense[:, 0] < 0.0], sparse[sparse[:, 0] >= 0.0]]))
     _, support = support_of(points)
     probes = rng.uniform(-0.08, 0.08, (5000, 2))
-    assert support.supported(at(probes), TOLERANCE).mean() > 0.98
+    stands = support.supported(at(probes), TOLERANCE)
+    assert stands[probes[:, 0] < -0.005].all()
+    assert stands[probes[:, 0] > 0.065].mean() > 0.95
 
 
 def test_regions_leave_gaps_out():

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from placement_planner_ros.core.scene.environment import find_regions
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.planes import Planes
-from placement_planner_ros.core.scene.regions import RegionSettings, find_regions
+from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import TargetVolume
 
 VOLUME = TargetVolume([-0.07, -0.024, -0.01], [0.07, 0.024, 0.01])

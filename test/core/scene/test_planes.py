@@ -6,13 +6,14 @@ from helpers.tilts import slope_of
 
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.planes import Planes
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness, upright
 
 VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])
 BOUNDS = (np.array([-0.6, -0.6, -0.4]), np.array([0.6, 0.6, 0.6]))
 STEEPEST = 0.26
+SENSOR = np.array([0.1, -0.2, 1.5])
 
 
 def patch(lower, upper, slope, height=0.013, spacing=0.004, angle=0.0):
@@ -29,9 +30,9 @@ def environment_of(*patches, noise=0.0, max_slope=STEEPEST):
     points = np.vstack(patches)
     if noise:
         points = points + np.random.default_rng(0).normal(0.0, noise, points.shape)
-    return Environment.from_points(
-        points, VOLUME, regions=RegionSettings(max_slope=max_slope), bounds=BOUNDS
-    )
+    settings = RegionSettings(max_slope=max_slope)
+    sights = [View(points, SENSOR)]  # noise makes holes of 8 mm and more
+    return Environment.from_points(points, VOLUME, None, settings, BOUNDS, sights=sights)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.003])
@@ -150,20 +151,6 @@ def test_heights_of_boxes_above_a_slope_are_those_of_their_points():
         corners = np.array(np.meshgrid(*np.array([more.lower[k], more.upper[k]]).T)).reshape(3, -1)
         highest = (corners[2] - np.array(slope) @ corners[:2]).max()
         assert more.tops(slope)[k] == pytest.approx(highest)
-
-
-def test_shearing_makes_the_slope_level_and_keeps_the_columns():
-    slope = slope_of(8.0, -0.5)
-    made = ObstacleSet.from_points(patch((-0.2, -0.2), (0.2, 0.2), slope), bounds=BOUNDS)
-    planes = Planes.of(made, VOLUME, 0.03, STEEPEST)
-    sheared = made.sheared(planes.slopes[0], -0.1, 0.2, planes.heights[0])
-    assert np.ptp(sheared.surface_height) < 1e-6
-    assert sheared.surface_height[0] == pytest.approx(0.013, abs=1e-6)
-    assert {tuple(cell) for cell in sheared.cells[:, :2]} == {
-        tuple(cell) for cell in made.cells[:, :2]
-    }
-    middle = (sheared.surface_height[0] - sheared.origin[2]) / sheared.cell_size
-    assert middle % 1.0 == pytest.approx(0.5, abs=1e-3)
 
 
 def test_upright_turns_z_to_the_normal_by_the_least_turn():

@@ -2,20 +2,22 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 
+from placement_planner_ros.core.scene.environment import find_regions
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.regions import find_regions
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import TargetVolume
 
 BOUNDS = (np.array([-0.35, -0.35, -0.1]), np.array([0.35, 0.35, 0.3]))
 VOLUME = TargetVolume(*BOUNDS)
 TOLERANCE = 0.003
+HALF_A_PIXEL = 0.00125
 
 
-def support_of(points, cell=0.01, bounds=BOUNDS):
+def support_of(points, cell=0.01, bounds=BOUNDS, sights=()):
     obstacles = ObstacleSet.from_points(points, GridSettings(cell_size=cell), bounds)
-    return find_regions(obstacles, VOLUME)[1]
+    return find_regions(obstacles, VOLUME, sights=sights)[1]
 
 
 def inward(hull, xy):
@@ -56,7 +58,7 @@ def test_nothing_stands_beyond_a_convex_edge_and_all_stands_well_inside(seed):
     near_edge = 0
     for trial in range(12):
         cell = rng.choice([0.005, 0.01, 0.02])
-        spacing = cell * rng.uniform(0.2, 0.5)
+        spacing = min(cell * rng.uniform(0.2, 0.5), 0.005)  # wider holes carry by rays alone
         corners = plate(rng)
         hull = ConvexHull(corners)
         xy = turned(lattice(rng, spacing), rng.uniform(0.0, np.pi))
@@ -73,9 +75,7 @@ def test_nothing_stands_beyond_a_convex_edge_and_all_stands_well_inside(seed):
         depth = inward(hull, probes)
         for margin in (0.0, 0.003, 0.015, 0.05):
             stands = support.supported(on_plane(probes, z), TOLERANCE, margin)
-            # of larger margins, ends are known as points only
-            kept = margin if margin <= cell else np.sqrt(margin**2 - spacing**2)
-            assert (depth[stands] >= kept - 2e-6).all()
+            assert (depth[stands] >= margin - HALF_A_PIXEL).all()
             assert stands[depth > margin + 2.0 * cell].all()
             near_edge += (stands & (depth < margin + cell)).sum()
     assert near_edge > 5000
@@ -125,7 +125,7 @@ def test_the_margin_is_kept_from_drops_and_from_the_unseen_but_not_from_things()
     assert support.supported(on_plane(probes[drop > 0.01], 0.0), TOLERANCE).all()
     for margin in (0.003, 0.008, 0.03, 0.1):
         stands = support.supported(on_plane(probes, 0.0), TOLERANCE, margin)
-        assert (drop[stands] > margin - 0.5 * step).all()
+        assert (drop[stands] > margin - 0.7 * step).all()
         assert stands[drop > margin + 0.012].all()
         # up to the wall, the rim and the box
         beside = np.minimum(0.25 - probes.max(axis=1), np.abs(probes - [-0.14, 0.14]).max(axis=1))
@@ -134,21 +134,22 @@ def test_the_margin_is_kept_from_drops_and_from_the_unseen_but_not_from_things()
 
 def test_rooms_hold_whatever_is_supported():
     rng = np.random.default_rng(3)
+    stood = 0
     for margin in (0.0, 0.003, 0.02, 0.06):
         hull = ConvexHull(plate(rng))
         xy = turned(lattice(rng, 0.004), 0.3)
         support = support_of(on_plane(xy[inward(hull, xy) >= 0.0], 0.1))
-        roomy = support.roomy(0.1005, TOLERANCE, margin, 0.0005)
-        probes = rng.uniform(-0.2, 0.2, (5000, 2))
+        squares = support.room(0.1005, TOLERANCE, margin, 0.0005)
+        probes = rng.uniform(-0.2, 0.2, (3000, 2))
         stands = support.supported(on_plane(probes, 0.1), TOLERANCE, margin)
-        at = np.floor((probes - support.origin[:2]) / support.cell_size).astype(int)
-        column = at[:, 0] * support.columns[1] + at[:, 1]
-        room = np.array([roomy[support.start[c] : support.start[c + 1]].any() for c in column])
+        half = 0.5 * (squares[0, 2] - squares[0, 0]) + 1e-9 if len(squares) else 0.0
+        room = cKDTree(squares[:, :2] + half).query(probes, p=np.inf)[0] <= half
         assert room[stands].all()
-        assert stands.any()
-        outside = inward(hull, probes) < margin - support.cell_size
+        stood += stands.sum()
+        outside = inward(hull, probes) < margin - 0.01
         if margin > 0.02:
             assert not room[outside].any()
+    assert stood > 500
 
 
 def test_edges_of_noisy_surfaces_are_moved_in():
@@ -157,7 +158,7 @@ def test_edges_of_noisy_surfaces_are_moved_in():
     xy = turned(lattice(rng, 0.003), 0.7)
     points = on_plane(xy[inward(hull, xy) >= 0.0], 0.1)
     noisy = points + rng.normal(0.0, 0.002, points.shape)
-    support = support_of(noisy)
+    support = support_of(noisy, sights=[View(noisy, np.array([0.1, 0.1, 1.0]))])
     probes = np.vstack([xy, xy + 0.001])
     stands = support.supported(on_plane(probes, 0.1), TOLERANCE, 0.003)
     depth = inward(hull, probes)

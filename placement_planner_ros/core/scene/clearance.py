@@ -1,0 +1,427 @@
+"""d_S, the distance to what was measured that the clearance objective averages.
+
+What was measured is taken apart into *runs*: in columns of 2.5 mm, the points of neighbouring
+heights together, from their lowest to their highest, at the mean of their x and y. A run counts for
+what lies no higher than its end. Between the heights at which runs end lie *slices*, for which a
+raster holds the distance at their lower and at their upper face: from above, what ends at each face
+comes in, and the nearest run is handed on from pixel to pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.transforms import Field, Index
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
+
+CAP = 0.5
+"""m, the greatest distance that counts: what an empty table has."""
+COLUMN_M, RUN_M = 0.0025, 0.010
+"""m, side of the columns that points are gathered in, and heights whose points are of one run."""
+VOXEL_M = 0.005
+"""m of height that a point of a body stands for."""
+END_STEP_M = 0.00125
+"""m between heights at which runs may end."""
+MOST_ENDS = 48
+"""Heights at most at which runs end: those that are nearest to each other are taken for one."""
+SLICE_M = 0.02
+"""m of the thickest slice: within it, distances to what is overhead are linear."""
+MOST_PIXELS = 100_000
+"""Pixels of a raster at most; those of large volumes are further apart."""
+
+
+class Runs(NamedTuple):
+    """What was measured, as n vertical lines."""
+
+    at: Array
+    """(n, 2) x and y, m."""
+    bottom: Array
+    """(n,) z of the lowest point, m."""
+    end: Array
+    """(n,) z of the highest point, m."""
+
+
+class ClearanceTable(NamedTuple):
+    """d_S on a raster, as kernels read it."""
+
+    values: Field
+    """(nx, ny, slices, 2) at the lower and the upper face of each slice, m."""
+    faces: Array
+    """(slices + 1,) z between the slices, m; above the last nothing counts."""
+    origin: Array
+    """(2,) of the first pixel, m."""
+    pixel: float
+    """m."""
+    cap: float
+    """m, the greatest value."""
+    lift: float
+    """m above a body's lowest point at which what is lower is judged."""
+
+
+class ClearanceField:
+    """d_S: distance sideways and upwards to obstacles in V and around it, capped.
+
+    Nothing that ends below a point counts for it, so d_S jumps where a thing ends beside it. A
+    point stands for what is around it, from half a voxel below to half a voxel above: its value is
+    the mean of d_S over this height. So the clearance of a body is continuous in z too.
+
+    What a body stands on does not count, and may rise by the contact tolerance above its lowest
+    point: what of the body is lower than `lift` above that point is judged at that height.
+
+    Attributes:
+        lift: see above, metres.
+
+    Args:
+        obstacles: their points that lie in V, grown by `beyond`, count.
+        volume: V.
+        beyond: how far outside V things count, metres: 0 is the paper's definition.
+        cap: greatest value, metres: what an empty table has.
+        contact_tolerance: by how much support may rise above a body's lowest point, metres.
+        padding: how far around V, in x and y, values are kept, metres; beyond, the nearest counts.
+        slope: heights are those above a plane of this slope through the origin, and so are those of
+            all that is asked for.
+    """
+
+    def __init__(
+        self,
+        obstacles: ObstacleSet,
+        volume: TargetVolume,
+        beyond: float = 0.0,
+        cap: float = CAP,
+        contact_tolerance: float = 0.003,
+        padding: float = 0.3,
+        slope: Slope = LEVEL,
+    ) -> None:
+        for name, value in (
+            ("beyond", beyond),
+            ("cap", cap),
+            ("contact_tolerance", contact_tolerance),
+            ("padding", padding),
+        ):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ParameterError(name, value, "give a length of at least 0 m")
+        self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
+        runs = _runs(_counted(obstacles.points, volume, beyond), slope)
+        low, high = volume.lower[:2] - padding, volume.upper[:2] + padding
+        sides = high - low
+        pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
+        near = ((runs.at >= low - cap) & (runs.at <= high + cap)).all(axis=1)
+        runs = Runs(*(each[near] for each in runs))
+        # the raster holds all runs, so that they are handed on from where they are
+        first = np.floor((np.min(runs.at, axis=0, initial=np.inf) - low) / pixel)
+        last = np.ceil((np.max(runs.at, axis=0, initial=-np.inf) - low) / pixel)
+        kept = np.ceil(sides / pixel).astype(np.int64) + 1
+        before = np.maximum(-np.nan_to_num(first, posinf=0.0), 0.0).astype(np.int64)
+        after = np.maximum(np.nan_to_num(last, neginf=0.0) - kept + 1, 0.0).astype(np.int64)
+        rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
+        faces, number = _slices(runs.end, float(volume.lower[2] - rises.max(axis=0).sum()))
+        order = np.argsort(-number, kind="stable")
+        ordered = Runs(*(np.ascontiguousarray(each[order]) for each in runs))
+        values = _fill_slices(
+            ordered,
+            number[order],
+            faces,
+            low - before * pixel,
+            pixel,
+            tuple(before + kept + after),
+            tuple(before),
+            tuple(kept),
+            cap,
+        )
+        for array in (values, faces, low):
+            array.setflags(write=False)
+        self._table = ClearanceTable(values, faces, low, pixel, float(cap), self.lift)
+
+    def distance(self, points: Array) -> Array:
+        """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
+        return np.asarray(_distances(self._table, _contiguous(points))[:, 0])
+
+    def gradient(self, points: Array) -> Array:
+        """(n, 2) ∂d_S/∂x and ∂d_S/∂y at the (n, 3) points, of the interpolation itself."""
+        return np.asarray(_distances(self._table, _contiguous(points))[:, 1:])
+
+    def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
+        """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
+
+        Args:
+            T_world_object: (4, 4).
+            points: (n, 3), B_o in the object frame.
+
+        Returns:
+            The mean of d_S over B_o, metres; (3,) its change per metre, metre and radian.
+        """
+        values, gradients = self.mean_clearance_batch(np.asarray(T_world_object)[None], points)
+        return float(values[0]), np.asarray(gradients[0])
+
+    def mean_clearance_batch(
+        self, T_world_object: Array, points: Array, slopes: bool = True
+    ) -> tuple[Array, Array]:
+        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
+        0, which takes less time."""
+        return _mean_clearance(
+            self._table, _contiguous(T_world_object), _contiguous(points), slopes
+        )
+
+
+def _counted(
+    points: npt.NDArray[np.floating], volume: TargetVolume, beyond: float
+) -> npt.NDArray[np.floating]:
+    """Those of the points (n, 3) that lie in V, grown on all sides."""
+    counted = np.zeros(len(points), np.bool_)
+    for lower, upper in volume.joined:
+        inside = np.ones(len(points), np.bool_)
+        for axis in range(3):  # column by column, which takes numpy a part of the time
+            along = points[:, axis]
+            inside &= (along >= lower[axis] - beyond) & (along <= upper[axis] + beyond)
+        counted |= inside
+    return points[counted]
+
+
+def _runs(points: npt.NDArray[np.floating], slope: Slope) -> Runs:
+    """Of points (n, 3); heights are those above a plane of the slope."""
+    if len(points) == 0:
+        return Runs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    points = points.astype(np.float64)
+    points[:, 2] -= points[:, :2] @ np.array(slope)
+    cells = np.floor(points / (COLUMN_M, COLUMN_M, RUN_M)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    shape = cells.max(axis=0) + 2  # so that the columns do not touch
+    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    order = np.argsort(key, kind="stable")
+    key, points = key[order], points[order]
+    first = np.flatnonzero(np.diff(key, prepend=-2) > 1)
+    count = np.diff(np.append(first, len(key)))
+    at = np.add.reduceat(points[:, :2], first) / count[:, None]
+    bottom, end = (each.reduceat(points[:, 2], first) for each in (np.minimum, np.maximum))
+    return Runs(at, bottom, end)
+
+
+def _slices(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Faces of the slices, the lowest first, and the slice that each run ends at.
+
+    Heights at which few runs end, near to others, are joined with these, as by Ward. From `low` on
+    slices are no thicker than `SLICE_M`.
+    """
+    if len(end) == 0:
+        return np.zeros(1), np.zeros(0, np.int64)
+    step = np.floor(end / END_STEP_M).astype(np.int64)
+    steps, of_run = np.unique(step, return_inverse=True)
+    weight = np.bincount(of_run).astype(np.float64)
+    height = np.bincount(of_run, weights=end) / weight
+    group = np.arange(len(steps))
+    while len(weight) > MOST_ENDS:
+        cost = weight[1:] * weight[:-1] / (weight[1:] + weight[:-1]) * np.diff(height) ** 2
+        k = int(np.argmin(cost))
+        both = weight[k] + weight[k + 1]
+        height[k] = (weight[k] * height[k] + weight[k + 1] * height[k + 1]) / both
+        weight[k] = both
+        height, weight = np.delete(height, k + 1), np.delete(weight, k + 1)
+        group[group > k] -= 1
+    below = np.append(min(low, height[0]) - SLICE_M, height)
+    parts = np.ceil(np.diff(below) / SLICE_M).astype(np.int64)
+    between = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(below[:-1], below[1:], parts, strict=True)
+    ]
+    faces = np.concatenate([*between, height[-1:]])
+    return faces, (parts.cumsum() - 1)[group[of_run]]
+
+
+def _contiguous(values: Array) -> Array:
+    """Read-only, so that a kernel compiles once, whatever it is given."""
+    view = np.ascontiguousarray(values, dtype=np.float64).view()
+    view.setflags(write=False)
+    return view
+
+
+@kernel(lean=True)
+def _square_to(runs: Runs, k: int, x: float, y: float, z: float) -> float:
+    """Square of the distance sideways and upwards to run k."""
+    dx, dy, up = runs.at[k, 0] - x, runs.at[k, 1] - y, max(runs.bottom[k] - z, 0.0)
+    return dx * dx + dy * dy + up * up
+
+
+@kernel(lean=True)
+def _take(
+    runs: Runs, k: int, i: int, j: int, place: tuple[float, float, float], near: Array, who: Index
+) -> None:
+    """Take run k, if there is one, for the nearest of pixel (i, j), at a place, where it is."""
+    if k >= 0 and k != who[i, j]:
+        square = _square_to(runs, k, place[0], place[1], place[2])
+        if square < near[i, j]:
+            near[i, j], who[i, j] = square, k
+
+
+@kernel(nogil=True)
+def _fill_slices(
+    runs: Runs,
+    number: npt.NDArray[np.int64],
+    faces: Array,
+    origin: Array,
+    pixel: float,
+    shape: tuple[int, int],
+    first: tuple[int, int],
+    kept: tuple[int, int],
+    cap: float,
+) -> Field:
+    """`ClearanceTable.values` of the pixels from `first` on, `kept` of them.
+
+    Args:
+        number: (n,) the slice that each run ends at, the highest first.
+        origin: (2,) of the raster of that shape, which holds all runs.
+    """
+    nx, ny = shape
+    slices = len(faces) - 1
+    values = np.empty((kept[0], kept[1], slices, 2), np.float32)
+    near = np.full((nx, ny), np.inf)
+    who = np.full((nx, ny), np.int32(-1))
+    run = 0
+    for s in range(slices - 1, -1, -1):
+        low, high = faces[s], faces[s + 1]
+        z = 0.5 * (low + high)
+        # distances to what counts from further above, at the height of this slice
+        for i in range(nx):
+            for j in range(ny):
+                if who[i, j] >= 0:
+                    x, y = origin[0] + i * pixel, origin[1] + j * pixel
+                    near[i, j] = _square_to(runs, who[i, j], x, y, z)
+        # what ends at the slice's upper face comes in
+        while run < len(number) and number[run] == s:
+            i = min(max(int((runs.at[run, 0] - origin[0]) / pixel + 0.5), 0), nx - 1)
+            j = min(max(int((runs.at[run, 1] - origin[1]) / pixel + 0.5), 0), ny - 1)
+            place = origin[0] + i * pixel, origin[1] + j * pixel, z
+            _take(runs, run, i, j, place, near, who)
+            run += 1
+        # two sweeps hand the nearest on
+        for sweep in range(2):
+            step = 1 - 2 * sweep
+            for row in range(nx):
+                i = row if step > 0 else nx - 1 - row
+                m = i - step
+                x = origin[0] + i * pixel
+                for j in range(ny):
+                    place = x, origin[1] + j * pixel, z
+                    if 0 <= m < nx:
+                        for n in range(max(j - 1, 0), min(j + 2, ny)):
+                            _take(runs, who[m, n], i, j, place, near, who)
+                    if j > 0:
+                        _take(runs, who[i, j - 1], i, j, place, near, who)
+                for j in range(ny - 2, -1, -1):
+                    place = x, origin[1] + j * pixel, z
+                    _take(runs, who[i, j + 1], i, j, place, near, who)
+        for i in range(kept[0]):
+            x = origin[0] + (i + first[0]) * pixel
+            for j in range(kept[1]):
+                k = who[i + first[0], j + first[1]]
+                y = origin[1] + (j + first[1]) * pixel
+                for face in range(2):
+                    at = low if face == 0 else high
+                    distance = math.sqrt(_square_to(runs, k, x, y, at)) if k >= 0 else cap
+                    values[i, j, s, face] = min(distance, cap)
+    return values
+
+
+@kernel(lean=True)
+def _slice_of(faces: Array, z: float) -> int:
+    """The slice that a height lies in: the first whose upper face is above it."""
+    low, high = 0, len(faces) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if faces[middle + 1] > z:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel(lean=True)
+def _around(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Mean of d_S over a voxel's height around a point, and its change along x and y."""
+    values, faces = table.values, table.faces
+    nx, ny, slices = values.shape[0], values.shape[1], values.shape[2]
+    u, v = (x - table.origin[0]) / table.pixel, (y - table.origin[1]) / table.pixel
+    in_x, in_y = 0.0 <= u <= nx - 1.0, 0.0 <= v <= ny - 1.0
+    u, v = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0)
+    i, j = min(int(u), nx - 2), min(int(v), ny - 2)
+    u -= i
+    v -= j
+    low, top = z - 0.5 * VOXEL_M, z + 0.5 * VOXEL_M
+    total, along_x, along_y = 0.0, 0.0, 0.0
+    s = _slice_of(faces, low)
+    # slice by slice, what of the voxel lies in it, at the middle of that
+    while low < top and s < slices:
+        end = min(faces[s + 1], top)
+        share = (end - low) / VOXEL_M
+        # below the lowest slice its lower face holds
+        w = max(0.5 * (low + end) - faces[s], 0.0) / (faces[s + 1] - faces[s])
+        a = values[i, j, s, 0] * (1.0 - w) + values[i, j, s, 1] * w
+        b = values[i, j + 1, s, 0] * (1.0 - w) + values[i, j + 1, s, 1] * w
+        c = values[i + 1, j, s, 0] * (1.0 - w) + values[i + 1, j, s, 1] * w
+        d = values[i + 1, j + 1, s, 0] * (1.0 - w) + values[i + 1, j + 1, s, 1] * w
+        near, far = a + (b - a) * v, c + (d - c) * v
+        total += share * (near + (far - near) * u)
+        if in_x:
+            along_x += share * (far - near) / table.pixel
+        if in_y:
+            along_y += share * ((b - a) * (1.0 - u) + (d - c) * u) / table.pixel
+        low = end
+        s += 1
+    total += max(top - low, 0.0) / VOXEL_M * table.cap  # above all that ends
+    return total, along_x, along_y
+
+
+@kernel(nogil=True)
+def _distances(table: ClearanceTable, points: Array) -> Array:
+    """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
+    result = np.empty((len(points), 3))
+    for p in range(len(points)):
+        d, gx, gy = _around(table, points[p, 0], points[p, 1], points[p, 2])
+        result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
+    return result
+
+
+@kernel(nogil=True)
+def _mean_clearance(
+    table: ClearanceTable, T_world_object: Array, points: Array, slopes: bool
+) -> tuple[Array, Array]:
+    """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients, 0
+    unless `slopes`.
+
+    A turn by e_z about the object's origin moves a point at (rx, ry) from it along (-ry, rx).
+    """
+    m, n = len(T_world_object), len(points)
+    means = np.zeros(m)
+    gradients = np.zeros((m, 3))
+    for t in range(m):
+        T = T_world_object[t]
+        lowest = np.inf
+        for p in range(n):
+            up = T[2, 0] * points[p, 0] + T[2, 1] * points[p, 1] + T[2, 2] * points[p, 2]
+            lowest = min(lowest, up)
+        least = lowest + table.lift
+        total, along_x, along_y, turn = 0.0, 0.0, 0.0, 0.0
+        for p in range(n):
+            a, b, c = points[p, 0], points[p, 1], points[p, 2]
+            rx = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c
+            ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
+            rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
+            up = max(rz, least) + T[2, 3]
+            d, gx, gy = _around(table, rx + T[0, 3], ry + T[1, 3], up)
+            total += d
+            if slopes:
+                along_x += gx
+                along_y += gy
+                turn += gy * rx - gx * ry
+        if n > 0:
+            means[t] = total / n
+            gradients[t, 0] = along_x / n
+            gradients[t, 1] = along_y / n
+            gradients[t, 2] = turn / n
+    return means, gradients

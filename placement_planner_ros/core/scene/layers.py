@@ -1,0 +1,352 @@
+"""Layers: what was measured at one height, as a raster of what carries there.
+
+Heights are those above a plane of one slope through the origin, so that a sloping surface is a
+layer, too. Of the points about the height of a layer a raster knows, at each place, how deep inside
+of the surface it is, how far from where that ends, and how high the surface lies.
+
+A place is *closed* where no disc without points covers it that is wider than chance explains
+(`granulometry`); the others are gaps. What rises above the layer counts as closed, too, and gaps
+that begin behind it are no *ends* of the surface: a thing stands there. Rays that passed the layer
+and were seen to end below it open it half the way to the nearest point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import maximum_filter, uniform_filter
+
+from placement_planner_ros.core.scene.granulometry import TILE_M, WIDEST, chance_radius
+from placement_planner_ros.core.scene.transforms import (
+    Field,
+    distance_to_points,
+    widest_empty_disc,
+)
+from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.types import Array, Slope, TargetVolume
+
+LAYER_STEP_M = 0.001
+"""m between the heights of layers: what is looked up is so at the nearest of them."""
+RISE_FROM_M, RISE_TO_M = 0.005, 0.010
+"""m above a layer between which points show that something stands there."""
+SCATTER_NOISES = 1.5
+"""Standard deviations of the noise that points are off their surface by at most, once smoothed."""
+NOISY = 1.3
+"""Times as wide are discs that chance explains where noise moves points sideways."""
+BESIDE_A_THING = 0.75
+"""Widest discs by chance from what rises within which points are taken for its foot."""
+PASSED_M, PASSED_NOISES = 0.005, 6.0
+"""m, and standard deviations of the noise more, below a layer from which on a ray has passed it."""
+PIXEL_M = 0.001, 0.0025
+"""m, sides of the finest and of the coarsest pixels."""
+FINEST_PIXELS = 60_000
+"""Pixels of a layer up to which they are as fine as the spacing of its points asks for."""
+NARROWEST_M, WIDEST_M = 0.002, 0.016
+"""m, radii of the narrowest and of the widest disc without points that chance may explain."""
+HOLE_M = 0.004
+"""m, radius of the widest one where no rays tell: through what is wider a leg falls."""
+SURE_RAYS = 12
+"""Rays that ended about a place on the surface for each that passed it, to tell that it is whole:
+if a quarter of it were open, three in a hundred times that many would by chance."""
+AROUND_M = 0.35
+"""m around V, in x and y, in which layers are known."""
+CLEAR_M = 0.1
+"""m below and above all surfaces in which points matter to their layers."""
+HEIGHT_WINDOW_M = 0.025
+"""m, side of the square over which heights of noisy points are averaged."""
+TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
+"""m, side of the square, and how many noisy points in it, whose mean is the top of something."""
+BESIDE_M = 0.0025
+"""m, half of what points that touch are apart: what lies so near to one is under the object."""
+SHEET_M = 0.0015
+"""m below the highest point beside it from which on a point is not of the surface's top."""
+
+
+class Layer(NamedTuple):
+    """A raster (nx, ny) of one height; positions of pixels are those of their centres."""
+
+    height: float
+    """m, of the layer."""
+    origin: Array
+    """(2,) m, of the first pixel."""
+    pixel: float
+    """m between two pixels."""
+    inside: Field
+    """m from the nearest gap, negative in gaps."""
+    from_end: Field
+    """m from where the surface drops or was not seen, negative beyond."""
+    surface: Field
+    """m, height of the surface."""
+    top: Field
+    """m, the highest point near the layer; -inf where there is none."""
+    roofed: npt.NDArray[np.bool_]
+    """Whether something is less than the headroom above."""
+
+
+class SlopeCloud:
+    """Points in and around V in heights above a plane, and the rays that they were seen by.
+
+    Args:
+        points: (n, 3) in the world, metres.
+        tops: (k, 3) x, y and height of pieces of surface as large as a cell, with headroom: only
+            what lies around these is surface.
+        cell_size: metres.
+        noise: standard deviation of the points before they were smoothed, metres.
+        sights: what sensors at known places measured, not smoothed.
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.floating],
+        volume: TargetVolume,
+        slope: Slope,
+        tops: Array,
+        cell_size: float,
+        noise: float,
+        sights: Sequence[View] = (),
+    ) -> None:
+        self.tops, self.cell_size = tops, cell_size
+        near = _within(points[:, :2], volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M)
+        heights = points[:, 2] - points[:, :2] @ np.array(slope)
+        # no further below and above surfaces than anything is looked for there
+        low, high = np.min(tops[:, 2], initial=np.inf), np.max(tops[:, 2], initial=-np.inf)
+        near &= (heights > low - CLEAR_M) & (heights < high + CLEAR_M)
+        self.slope, self.noise = slope, noise
+        self._heights, self._points = heights[near], points[near, :2].astype(np.float64)
+        self._sights = [_Sight(view, slope) for view in sights]
+
+    def between(self, low: float, high: float) -> tuple[Array, Array]:
+        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
+        rows = np.flatnonzero((self._heights > low) & (self._heights <= high))
+        return self._points[rows], self._heights[rows]
+
+    def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
+        """`between` of the points no more than `band` from a height, in the columns of tops no more
+        than `reach` from it and in those beside; how many such tops there are."""
+        near = self.tops[np.abs(self.tops[:, 2] - height) <= reach, :2]
+        if len(near) == 0:
+            return np.zeros((0, 2)), np.zeros(0), 0
+        points, heights = self.between(height - band, height + band)
+        low = near.min(axis=0) - 2.0 * self.cell_size
+        cells = ((near - low) / self.cell_size).astype(np.int64)
+        filled = np.zeros(cells.max(axis=0) + 3, np.bool_)
+        filled[tuple(cells.T)] = True
+        filled = maximum_filter(filled, 3)
+        kept = np.flatnonzero(_within(points, low, low + self.cell_size * np.array(filled.shape)))
+        i, j = ((points[kept] - low) / self.cell_size).astype(np.int64).T
+        kept = kept[filled[i.clip(max=len(filled) - 1), j.clip(max=filled.shape[1] - 1)]]
+        return points[kept], heights[kept], len(near)
+
+    def rays(self, height: float, band: float) -> tuple[Array, Array]:
+        """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
+        well below passed it."""
+        below = height - PASSED_M - PASSED_NOISES * self.noise
+        none = np.zeros((0, 2))
+        ended = [sight.ended(height - band, height + band) for sight in self._sights]
+        passed = [sight.passed(height, below) for sight in self._sights]
+        return np.concatenate([none, *ended]), np.concatenate([none, *passed])
+
+
+class _Sight:
+    """The rays of one view, in heights above a plane."""
+
+    def __init__(self, view: View, slope: Slope) -> None:
+        along = np.array(slope)
+        points = view.points[np.isfinite(view.points).all(axis=1)]
+        self._origin = view.origin[:2]
+        self._from = float(view.origin[2] - self._origin @ along)
+        heights = points[:, 2] - points[:, :2] @ along
+        order = np.argsort(heights)
+        self._ends, self._heights = points[order, :2], heights[order]
+
+    def ended(self, low: float, high: float) -> Array:
+        """(n, 2) ends between two heights."""
+        return self._ends[slice(*self._heights.searchsorted((low, high)))]
+
+    def passed(self, height: float, below: float) -> Array:
+        """(n, 2) where rays crossed a height that ended below another."""
+        if self._from <= height:
+            return np.zeros((0, 2))
+        rows = slice(self._heights.searchsorted(below))
+        share = (self._from - height) / (self._from - self._heights[rows])
+        return self._origin + share[:, None] * (self._ends[rows] - self._origin)
+
+
+class _Raster:
+    """A grid of pixels around points; lengths in it are in pixels."""
+
+    def __init__(self, points: Array, pixel: float, rim: float) -> None:
+        self.pixel = pixel
+        self.origin = points.min(axis=0) - rim
+        shape = np.ceil((points.max(axis=0) + rim - self.origin) / pixel).astype(int) + 1
+        self.shape = (int(shape[0]), int(shape[1]))
+
+    def at(self, points: Array) -> Array:
+        """(n, 2) in pixels, of those points (k, 2) that are on the raster."""
+        at = (points - self.origin) / self.pixel
+        return at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
+
+    def middles(self, at: Array) -> Array:
+        """(m, 2) the mean of the points (n, 2) in each pixel that has any."""
+        cell = self.cells(at)
+        many = np.bincount(cell)
+        held = np.flatnonzero(many)
+        sums = [np.bincount(cell, weights=at[:, axis])[held] for axis in range(2)]
+        return np.column_stack(sums) / many[held, None]
+
+    def cells(self, at: Array) -> npt.NDArray[np.int64]:
+        """(n,) pixels of points, in one row."""
+        i, j = (at + 0.5).astype(np.int64).T
+        return np.asarray(i * self.shape[1] + j)
+
+    def sums(self, cell: npt.NDArray[np.int64], values: Array, side: float) -> Array:
+        """(nx, ny) sums over the square of that side, metres, around each pixel, of values (n,)."""
+        width = 2 * int(0.5 * side / self.pixel) + 1
+        image = np.bincount(cell, weights=values, minlength=self.shape[0] * self.shape[1])
+        around = uniform_filter(image.reshape(self.shape), width, mode="constant")
+        return np.asarray(width**2 * around)
+
+    def distance(self, at: Array, weight: Array | None = None) -> Field:
+        """(nx, ny) pixels to the nearest point of (n, 2)."""
+        weight = np.zeros(len(at)) if weight is None else weight
+        return distance_to_points(self.shape, at, weight, float(sum(self.shape)))[0]
+
+
+def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: float) -> Layer | None:
+    """The layer at a height; None where nothing was measured there.
+
+    Args:
+        tolerance: m by which what carries may be above or below.
+        headroom: m above it in which nothing is, where something may stand.
+    """
+    noise = cloud.noise
+    band = tolerance + 0.5 * LAYER_STEP_M + SCATTER_NOISES * noise
+    reach = tolerance + 0.5 * LAYER_STEP_M + 0.5 * noise
+    on, heights, tops = cloud.on_surface(height, reach, band)
+    if len(on) == 0:
+        return None
+    rise_from = max(band, RISE_FROM_M)
+    over, over_heights = cloud.between(height + rise_from, height + headroom)
+    raster = _Raster(on, _pixel(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
+    pixel = raster.pixel
+    near = raster.at(over[over_heights <= height + rise_from + RISE_TO_M - RISE_FROM_M])
+    at, rises = raster.at(on), raster.middles(near)
+    middles = raster.middles(at)
+    # gaps that are wider than chance explains, as discs around their pixels
+    to_point = raster.distance(np.vstack([middles, rises]))
+    ended, passed = (raster.at(rays) for rays in cloud.rays(height, band))
+    radius = _chance(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
+    radius = np.where(_whole(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel))
+    gap = np.where(to_point > radius, to_point, np.float32(0.0))
+    if len(passed):
+        i, j = (raster.middles(passed) + 0.5).astype(np.int64).T
+        gap[i, j] = np.maximum(gap[i, j], 0.5 * to_point[i, j])
+    inside = _from_discs(raster, gap)
+    # what is not beside what rises is surface, and gaps nearer to that are ends
+    from_end, plain = inside, np.ones(len(at), np.bool_)
+    if len(rises):
+        to_rise = raster.distance(rises)
+        plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
+        to_surface = raster.distance(raster.middles(at[plain]))
+        from_end = _from_discs(raster, np.where(to_surface <= to_rise, gap, np.float32(0.0)))
+    surface, top = _heights(raster, at, heights, plain, noise, radius, inside)
+    return Layer(
+        height,
+        raster.origin,
+        pixel,
+        inside * np.float32(pixel),
+        from_end * np.float32(pixel),
+        surface,
+        top,
+        _roofed(raster, over, radius),
+    )
+
+
+def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> npt.NDArray[np.bool_]:
+    """(n,) which points (n, 2) lie between two corners, the upper one left out."""
+    x, y = points[:, 0], points[:, 1]
+    return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
+
+
+def _pixel(cloud: SlopeCloud, points: Array, tops: int) -> float:
+    """m: about half of what the points are apart, coarser where the layer is large or noisy."""
+    if cloud.noise > 0.0:
+        return PIXEL_M[1]
+    spacing = cloud.cell_size * np.sqrt(tops / len(points))
+    area = float((np.ptp(points, axis=0) + 2.0 * WIDEST_M).prod())
+    return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
+
+
+def _chance(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
+    """(nx, ny) pixels: the radius of the widest disc without points that chance may explain."""
+    pixel = raster.pixel
+    widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
+    radius = chance_radius(widest * np.float32(pixel), at, pixel, NARROWEST_M, WIDEST_M)
+    return np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
+
+
+def _whole(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[np.bool_]:
+    """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
+    if len(ended) == 0:
+        return np.zeros(raster.shape, np.bool_)
+    on, through = (
+        raster.sums(raster.cells(at), np.ones(len(at)), 3.0 * TILE_M) for at in (ended, passed)
+    )
+    return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
+
+
+def _from_discs(raster: _Raster, gap: Field) -> Field:
+    """(nx, ny) signed distance, in pixels, from the union of discs of radii (nx, ny) around
+    pixels."""
+    i, j = np.nonzero(gap > 0.0)
+    centres = np.column_stack([i, j]).astype(np.float64)
+    return raster.distance(centres, gap[i, j].astype(np.float64))
+
+
+def _heights(
+    raster: _Raster,
+    at: Array,
+    heights: Array,
+    plain: npt.NDArray[np.bool_],
+    noise: float,
+    radius: Field,
+    inside: Field,
+) -> tuple[Field, Field]:
+    """(nx, ny) m, height of the surface, and of the highest point of each pixel."""
+    cell, size = raster.cells(at), raster.shape[0] * raster.shape[1]
+    top = np.full(size, -np.inf)
+    np.maximum.at(top, cell, heights)
+    highest = maximum_filter(top.reshape(raster.shape), 3).ravel()
+    kept = plain & (heights >= highest[cell] - SHEET_M - 2.0 * noise)
+    if not kept.any():
+        kept = plain if plain.any() else np.ones(len(at), np.bool_)
+    low = float(heights[kept].mean())
+    side = HEIGHT_WINDOW_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
+    off, own = heights[kept] - low, cell[kept]
+    count, total, squares = (raster.sums(own, off**power, side) for power in range(3))
+    held = count > 0.5
+    mean = np.where(held, total / np.maximum(count, 1e-9), 0.0)
+    surface = mean + low
+    if noise > 0.0:  # between two levels there is no surface
+        surface[held & (squares / np.maximum(count, 1e-9) - mean**2 > noise**2)] = np.inf
+    if not held[inside > -2.0].all():  # further away the nearest holds
+        where = np.argwhere(held).astype(np.float64)
+        _, who = distance_to_points(raster.shape, where, np.zeros(len(where)), 1e9)
+        surface = surface[held][who]
+    if noise > 0.0:  # single points say nothing
+        many, sums = (raster.sums(cell, (heights - low) ** p, TOP_WINDOW_M) for p in range(2))
+        top = np.where(many > FEWEST_ON_TOP - 0.5, sums / np.maximum(many, 1.0) + low, -np.inf)
+    beside = 2 * int(np.ceil(BESIDE_M / raster.pixel)) + 1
+    highest = maximum_filter(top.reshape(raster.shape), beside)
+    return surface.astype(np.float32), highest.astype(np.float32)
+
+
+def _roofed(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_]:
+    """(nx, ny) whether points above close over a pixel."""
+    above = raster.at(over)
+    if len(above) == 0:
+        return np.zeros(raster.shape, np.bool_)
+    return np.asarray(raster.distance(raster.middles(above)) <= radius / WIDEST)

@@ -1,0 +1,483 @@
+"""The clearance field, against brute force over the boxes and true solids."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers.points import BOUNDS, floor_can_shelf_wall, plane
+from scipy.spatial import ConvexHull, QhullError
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.clearance import MOST_PIXELS, ClearanceField
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import TargetVolume
+
+VOLUME = TargetVolume(np.array([-0.3, -0.3, -0.05]), np.array([0.3, 0.25, 0.35]))
+CELL = 0.01
+
+
+@pytest.fixture(scope="module")
+def obstacles():
+    return ObstacleSet.from_points(floor_can_shelf_wall(), bounds=BOUNDS)
+
+
+@pytest.fixture(scope="module")
+def field(obstacles):
+    return ClearanceField(obstacles, VOLUME)
+
+
+def exact(obstacles, points, cap=0.5, volume=VOLUME, beyond=0.0):
+    """Mean of d_S, by definition, from half a voxel below to half a voxel above the points.
+
+    To the hulls of the points of each box that lie in V, seen from above.
+    """
+    touching, last = np.zeros(len(obstacles), bool), np.full(len(obstacles), -np.inf)
+    for low, high in volume.boxes:
+        low, high = low - beyond, high + beyond
+        touched = ((obstacles.upper >= low) & (obstacles.lower <= high)).all(axis=1)
+        touching |= touched
+        last[touched] = np.maximum(last[touched], high[2])
+    lower, upper, last = obstacles.lower[touching], obstacles.upper[touching], last[touching]
+    heights = 0.005 * ((np.arange(20) + 0.5) / 20 - 0.5)
+    result = np.empty(len(points))
+    aside = []
+    for n in np.flatnonzero(touching):
+        of = obstacles.points[obstacles.first_point[n] : obstacles.first_point[n + 1], :2]
+        off = 1e-6 + beyond
+        inside = [(of >= low[:2] - off).all(1) & (of <= high[:2] + off).all(1)
+                  for low, high in volume.boxes]  # fmt: skip
+        of = of[np.any(inside, axis=0)].astype(float)
+        aside.append(distance_to_hull(of, points[:, :2]) if len(of) else np.full(len(points), cap))
+    for row, p in enumerate(points):
+        z = p[2] + heights[:, None]
+        beside = np.array([a[row] for a in aside]) if aside else np.zeros(0)
+        gap = np.sqrt(beside**2 + np.maximum(lower[:, 2] - z, 0.0) ** 2)
+        counted = np.minimum(upper[:, 2], last) >= z
+        result[row] = np.minimum(np.where(counted, gap, cap).min(axis=1, initial=cap), cap).mean()
+    return result
+
+
+def distance_to_hull(of, points):
+    """(n,) from points (n, 2) to the convex hull of others."""
+    try:
+        corners = of[ConvexHull(of).vertices]
+    except (QhullError, ValueError):  # fewer than three, or in line
+        corners = np.array([of.min(axis=0), of.max(axis=0)])
+        if (of - of.mean(axis=0)).prod(axis=1).sum() < 0.0:
+            corners[:, 1] = corners[::-1, 1]
+    distance, inside = np.full(len(points), np.inf), np.ones(len(points), bool)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-18), 0.0, 1.0)
+        distance = np.minimum(
+            distance, np.linalg.norm(points - a - along[:, None] * (b - a), axis=1)
+        )
+        inside &= (b - a)[0] * (points - a)[:, 1] > (b - a)[1] * (points - a)[:, 0]
+    return np.where(inside, 0.0, distance)
+
+
+def test_values_are_those_of_the_definition(obstacles, field):
+    """Of runs at the mean of their points: on clean surfaces a little too far, seldom by more."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-0.45, -0.45, 0.012), (0.45, 0.4, 0.34), (500, 3))
+    error = field.distance(points) - exact(obstacles, points)
+    assert np.median(np.abs(error)) < 1e-3
+    assert np.quantile(np.abs(error), 0.95) < 5e-3
+    assert np.abs(error).max() < 1.5 * CELL
+
+
+def test_what_is_looked_up_changes_no_faster_than_a_distance_but_for_the_raster(field):
+    """Along x and y, at one height: by the way between two places, and some of a pixel's width."""
+    rng = np.random.default_rng(8)
+    here = rng.uniform((-0.3, -0.3, 0.012), (0.3, 0.25, 0.3), (3000, 3))
+    there = here + rng.uniform(-0.05, 0.05, (3000, 3)) * (1.0, 1.0, 0.0)
+    change = np.abs(field.distance(here) - field.distance(there))
+    way = np.linalg.norm(here - there, axis=1)
+    assert (change - way).max() < 0.3 * CELL
+    assert np.quantile(change - way, 0.99) < 0.1 * CELL
+
+
+def test_floor_below_does_not_count_but_what_is_above_does(field):
+    points = np.array([[-0.1, -0.05, z] for z in (0.0087, 0.1, 0.2, 0.2599)])
+    distance = field.distance(points)
+    can = np.hypot(0.2, 0.1) - 0.034
+    np.testing.assert_allclose(distance[:3], [can, 0.1512, 0.0512], atol=CELL)
+    assert distance[3] > 0.3  # the shelf lies below, the wall is far
+
+
+def test_a_flat_ceiling_counts_wherever_it_lies_in_its_cell():
+    rng = np.random.default_rng(4)
+    for offset in np.arange(0.0, 0.01, 0.001):
+        height = BOUNDS[0][2] - 0.03 * CELL + 41 * CELL + offset
+        ceiling = plane((-0.2, -0.2, height), (0.2, 0.2, height))
+        obstacles = ObstacleSet.from_points(ceiling, bounds=BOUNDS)
+        field = ClearanceField(obstacles, VOLUME)
+        below = rng.uniform(0.15, height - 0.0038, 300)
+        points = np.c_[rng.uniform(-0.19, 0.19, (300, 2)), below]
+        error = field.distance(points) - (height - points[:, 2])
+        assert np.abs(error).max() < 2e-3  # of points 5 mm apart
+
+
+def test_distances_are_continuous_in_z(field):
+    rng = np.random.default_rng(5)
+    column = np.arange(-0.06, 0.4, 1e-4)
+    for x, y in rng.uniform((-0.35, -0.35), (0.35, 0.3), (40, 2)):
+        distance = field.distance(np.c_[np.full((len(column), 2), (x, y)), column])
+        # from nothing but the cap to a thing beside the point over the height of a voxel at most
+        assert np.abs(np.diff(distance)).max() <= 0.5 * 1e-4 / 0.0025
+
+
+def sampled_box(low, high, angle, spacing):
+    """Points on the sides and the top of an upright box, its edges included; its true solid."""
+    lines = [np.linspace(a, b, int((b - a) / spacing) + 2) for a, b in zip(low, high, strict=True)]
+    faces = []
+    for axis in range(3):
+        for end in (0, -1) if axis < 2 else (-1,):
+            grid = np.meshgrid(*(x if a != axis else x[[end]] for a, x in enumerate(lines)))
+            faces.append(np.stack(grid, axis=-1).reshape(-1, 3))
+    c, s = np.cos(angle), np.sin(angle)
+    points = np.vstack(faces)
+    points[:, :2] = points[:, :2] @ np.array([[c, s], [-s, c]])
+    return points, (np.asarray(low), np.asarray(high), angle)
+
+
+def true_distance_to(solids, points, cap=0.5):
+    """d_S to upright boxes, by definition, the mean over the height of a voxel."""
+    heights = 0.005 * ((np.arange(20) + 0.5) / 20 - 0.5)
+    lowest = points[:, 2].min() + 0.003 + 0.0025 + 0.00125  # support does not count
+    z = np.maximum(points[:, 2], lowest)[:, None] + heights
+    best = np.full(z.shape, cap)
+    for low, high, angle in solids:
+        c, s = np.cos(angle), np.sin(angle)
+        xy = points[:, :2] @ np.array([[c, -s], [s, c]])
+        aside = np.maximum(np.maximum(low[:2] - xy, xy - high[:2]), 0.0)
+        gap = np.sqrt((aside**2).sum(axis=1)[:, None] + np.maximum(low[2] - z, 0.0) ** 2)
+        best = np.minimum(best, np.where(high[2] >= z, gap, cap))
+    return best.mean(axis=1)
+
+
+def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
+    """And that of the true solids: things of all heights, one that is thinner than a voxel, and a
+    board overhead."""
+    rng = np.random.default_rng(6)
+    spread, off = [], []
+    for _ in range(3):
+        z = rng.uniform(0.0, 0.01)
+        clouds = [plane((-0.4, -0.4, z), (0.4, 0.4, z), 0.004)]
+        solids = []
+        for n in range(6):
+            half = rng.uniform(0.015, 0.04, 2) if n else np.array([0.04, 0.001])
+            at = rng.uniform(-0.19, 0.19, 2)  # within V: what lies beyond does not count
+            low, high = np.append(at - half, z), np.append(at + half, z + rng.uniform(0.01, 0.2))
+            points, solid = sampled_box(low, high, rng.uniform(0.0, np.pi), 0.004)
+            clouds.append(points)
+            solids.append(solid)
+        board = np.array([-0.3, -0.3, z + 0.3]), np.array([0.1, 0.3, z + 0.301])
+        points, solid = sampled_box(*board, 0.0, 0.004)
+        clouds.append(points)
+        solids.append(solid)
+        cloud = np.vstack(clouds)
+        poses = []
+        while len(poses) < 8:
+            pose = pin.SE3(
+                pin.utils.rotate("z", rng.uniform(0.0, 2.0 * np.pi)),
+                np.append(rng.uniform(-0.19, 0.19, 2), z),
+            )
+            size = rng.choice([0.02, 0.06, 0.11])
+            line = np.arange(0.0025, 0.05, 0.005)
+            up = np.arange(0.0025, size, 0.005)
+            body = np.stack(np.meshgrid(line, line, up), axis=-1).reshape(-1, 3)
+            world = body @ pose.rotation.T + pose.translation
+            if true_distance_to(solids, world).min() > 0.0:
+                poses.append((pose, body, true_distance_to(solids, world).mean()))
+        found = []
+        for _ in range(4):
+            low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
+            obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
+            field = ClearanceField(obstacles, VOLUME)
+            found.append([field.mean_clearance(p.homogeneous, b)[0] for p, b, _ in poses])
+        found = np.array(found)
+        spread.append(np.ptp(found, axis=0))
+        off.append(np.abs(found - [true for *_, true in poses]))
+    assert np.max(spread) < 2e-3
+    assert np.max(off) < 5e-3  # what docs/limits.md states
+
+
+def ball(centre, radius, spacing):
+    """Points of a ball, about `spacing` apart, and its d_S."""
+    n = int(4.0 * np.pi * radius**2 / spacing**2)
+    turn, up = np.pi * (1.0 + 5.0**0.5) * np.arange(n), 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    around = np.sqrt(1.0 - up**2)
+    points = centre + radius * np.c_[around * np.cos(turn), around * np.sin(turn), up]
+
+    def distance(p):
+        off = p - centre
+        beside = np.linalg.norm(off[:, :2], axis=1)
+        level = beside - np.sqrt(np.maximum(radius**2 - off[:, 2] ** 2, 0.0))
+        nearest = np.where(off[:, 2] < 0.0, np.linalg.norm(off, axis=1) - radius, level)
+        return np.where(off[:, 2] <= radius, nearest, 0.5)
+
+    return points, distance
+
+
+def cone(foot, radius, height, spacing):
+    """Points of a cone's side, about `spacing` apart, and its d_S."""
+    slant = np.hypot(radius, height)
+    rings = []
+    for share in np.linspace(0.0, 1.0, int(slant / spacing) + 1):
+        r = radius * (1.0 - share)
+        angle = np.arange(max(int(2.0 * np.pi * r / spacing), 1))
+        angle = angle * 2.0 * np.pi / len(angle) + 7.0 * share
+        rings.append(
+            np.c_[r * np.cos(angle), r * np.sin(angle), np.full(len(angle), share * height)]
+        )
+
+    def distance(p):
+        beside = np.linalg.norm(p[:, :2] - foot[:2], axis=1)
+        up = p[:, 2] - foot[2]
+        return np.where(up <= height, beside - radius * (1.0 - np.maximum(up, 0.0) / height), 0.5)
+
+    return np.vstack(rings) + foot, distance
+
+
+def board(middle, radius, spacing):
+    """Points of a thin board in the air, turned by 0.4 rad, on all its sides, and its d_S."""
+    half = np.array([0.8 * radius, 0.6 * radius, 0.004])
+    points, (low, high, angle) = sampled_box(-half, half, 0.4, spacing)
+    below = points[points[:, 2] == half[2]] * np.array([1.0, 1.0, -1.0])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def distance(p):
+        xy = (p - middle)[:, :2] @ turn
+        aside = np.maximum(np.maximum(low[:2] - xy, xy - high[:2]), 0.0)
+        z = p[:, 2] - middle[2]
+        gap = np.sqrt((aside**2).sum(axis=1) + np.maximum(low[2] - z, 0.0) ** 2)
+        return np.where(z <= high[2], gap, 0.5)
+
+    return np.vstack([points, below]) + middle, distance
+
+
+@pytest.mark.parametrize("spacing", [0.002, 0.004])
+@pytest.mark.parametrize("kind", ["ball", "ball in the air", "cone", "board"])
+def test_clearance_beside_what_is_round_or_leans_hardly_depends_on_the_origin(kind, spacing):
+    rng = np.random.default_rng(7)
+    spread, off = [], []
+    for _ in range(5):
+        foot = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.01))
+        radius = rng.uniform(0.015, 0.08)
+        if kind == "ball":
+            points, true = ball(foot + np.array([0.0, 0.0, radius]), radius, spacing)
+        elif kind == "ball in the air":
+            points, true = ball(foot + np.array([0.0, 0.0, radius + 0.04]), radius, spacing)
+        elif kind == "cone":
+            points, true = cone(foot, radius, rng.uniform(0.8, 2.0) * radius, spacing)
+        else:
+            points, true = board(foot + np.array([0.0, 0.0, 0.08]), radius, spacing)
+        floor = plane((-0.3, -0.3, foot[2]), (0.3, 0.3, foot[2]), 0.004)
+        cloud = np.vstack([floor, points])
+        line = np.arange(0.0025, 0.06, 0.005)
+        bodies, poses = [], []
+        for height in (0.02, 0.06, 0.11):
+            up = np.arange(0.0025, height, 0.005)
+            bodies.append(np.stack(np.meshgrid(line, line, up), axis=-1).reshape(-1, 3))
+            way, turn = rng.uniform(0.0, 2.0 * np.pi, 2)
+            away = radius + rng.uniform(0.1, 0.15)
+            pose = pin.SE3(pin.utils.rotate("z", turn), foot.copy())
+            pose.translation[:2] += away * np.array([np.cos(way), np.sin(way)])
+            poses.append(pose)
+        found, wanted = [], []
+        for _ in range(6):
+            low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
+            obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
+            field = ClearanceField(obstacles, VOLUME)
+            found.append([field.mean_clearance(p.homogeneous, b)[0]
+                          for p, b in zip(poses, bodies, strict=True)])  # fmt: skip
+        for pose, body in zip(poses, bodies, strict=True):
+            world = body @ pose.rotation.T + pose.translation
+            world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
+            layers = 0.005 * ((np.arange(10) + 0.5) / 10 - 0.5)
+            wanted.append(np.mean([true(world + np.array([0.0, 0.0, z])) for z in layers]))
+        spread.append(np.ptp(found, axis=0))
+        off.append(np.abs(np.array(found) - wanted))
+    assert np.max(spread) < 2e-3
+    assert np.max(off) < 5e-3  # what docs/limits.md states
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.5])
+def test_what_leans_counts_where_it_goes_through_the_floor_and_the_top_of_the_volume(beyond):
+    """A ramp that rises along x through all of V and past it."""
+    along, across = np.meshgrid(np.arange(-0.35, 0.35, 0.002), np.arange(-0.3, 0.3, 0.002))
+    ramp = np.c_[along.ravel(), across.ravel(), along.ravel() + 0.15]
+    obstacles = ObstacleSet.from_points(ramp, bounds=BOUNDS)
+    field = ClearanceField(obstacles, VOLUME, beyond)
+    z = np.arange(-0.04, 0.34, 0.01)
+    for gap in (0.03, 0.1):
+        points = np.c_[z - 0.15 - gap, np.zeros(len(z)), z]
+        inside = (points[:, 0] > -0.3) & (z < 0.34)
+        error = np.abs(field.distance(points[inside]) - gap)
+        assert np.median(error) < 2e-3
+        assert error.max() < CELL
+
+
+def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the_origin():
+    """A ramp that rises along x through V's side, with nothing counting beyond V."""
+    along, across = np.random.default_rng(3).uniform((0.2, -0.1), (0.4, 0.1), (20000, 2)).T
+    ramp = np.c_[along, across, 0.5 * (along - 0.2)]
+    points = np.c_[np.full(200, 0.1), np.zeros(200), np.linspace(0.005, 0.06, 200)]
+    found = []
+    for shift in np.arange(0.0, 0.01, 0.00125):
+        low = np.array([-0.45 - shift, -0.45, -0.1])
+        obstacles = ObstacleSet.from_points(ramp, bounds=(low, low + 0.9))
+        found.append(ClearanceField(obstacles, VOLUME, 0.0).distance(points))
+    assert np.ptp(np.mean(found, axis=1)) < 2e-3
+    inside = points[:, 2] < 0.045
+    assert np.abs(np.array(found)[:, inside] - 0.1 - 2.0 * points[inside, 2]).max() < 4e-3
+    assert (np.array(found)[:, points[:, 2] > 0.056] == 0.5).all()
+
+
+def test_a_large_volume_sees_what_is_low():
+    points, _ = sampled_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.02), 0.3, 0.003)
+    tower, _ = sampled_box((0.4, 0.4, 0.0), (0.42, 0.42, 0.7), 0.0, 0.005)
+    obstacles = ObstacleSet.from_points(np.vstack([points, tower]))
+    volume = TargetVolume(np.array([-1.0, -1.0, -0.05]), np.array([1.0, 1.0, 0.8]))
+    large, small = ClearanceField(obstacles, volume), ClearanceField(obstacles, VOLUME)
+    assert large.lift == small.lift
+    beside = np.array([[x, 0.0, 0.012] for x in np.linspace(0.06, 0.2, 40)])
+    np.testing.assert_allclose(large.distance(beside), small.distance(beside), atol=2e-3)
+
+
+def test_a_field_over_any_volume_is_bounded(obstacles):
+    """Its pixels are further apart, and values less exact, not more of them."""
+    wide = TargetVolume(np.array([-4.0, -4.0, -1.0]), np.array([4.0, 4.0, 3.0]))
+    field = ClearanceField(obstacles, wide)
+    assert field._table.values[:, :, 0, 0].size <= 1.02 * MOST_PIXELS
+    points = np.random.default_rng(1).uniform((-0.3, -0.3, 0.012), (0.3, 0.25, 0.3), (400, 3))
+    error = np.abs(field.distance(points) - exact(obstacles, points, volume=wide))
+    assert np.median(error) < 0.5 * field._table.pixel
+
+
+def test_values_around_several_boxes_are_those_of_the_definition(obstacles):
+    low = np.array([[-0.3, -0.3, -0.05], [0.05, -0.05, 0.0]])
+    high = np.array([[0.0, 0.1, 0.1], [0.3, 0.25, 0.3]])
+    volume = TargetVolume(low, high)
+    points = np.random.default_rng(3).uniform((-0.3, -0.3, 0.015), (0.3, 0.25, 0.3), (600, 3))
+    for beyond in (0.0, 0.1, 0.5):
+        field = ClearanceField(obstacles, volume, beyond)
+        error = np.abs(field.distance(points) - exact(obstacles, points, 0.5, volume, beyond))
+        assert np.median(error) < 1e-3
+        assert np.quantile(error, 0.9) < CELL
+
+
+def test_walls_just_outside_a_tight_volume_count_where_things_beyond_it_do():
+    """A bin: walls 14 mm outside V on all sides, and a shelf over it."""
+    side, wall = np.arange(-0.114, 0.115, 0.003), []
+    for z in np.arange(0.0, 0.15, 0.003):
+        edge = np.full(len(side), 0.114)
+        wall += [np.c_[side, s * edge, edge * 0 + z] for s in (-1, 1)]
+        wall += [np.c_[s * edge, side, edge * 0 + z] for s in (-1, 1)]
+    cloud = np.vstack(
+        [
+            plane((-0.114, -0.114, 0.0), (0.114, 0.114, 0.0), 0.004),
+            plane((-0.1, -0.1, 0.45), (0.1, 0.1, 0.45), 0.004),
+            *wall,
+        ]
+    )
+    obstacles = ObstacleSet.from_points(cloud, bounds=BOUNDS)
+    tight = TargetVolume(np.array([-0.1, -0.1, -0.01]), np.array([0.1, 0.1, 0.1]))
+    rng = np.random.default_rng(4)
+    points = rng.uniform((-0.099, -0.099, 0.01), (0.099, 0.099, 0.25), (500, 3))
+    paper = ClearanceField(obstacles, tight).distance(points)
+    np.testing.assert_allclose(paper, 0.5)
+    around = ClearanceField(obstacles, tight, 0.5)
+    beside = 0.114 - np.abs(points[:, :2]).max(axis=1)
+    low, high = points[:, 2] < 0.13, points[:, 2] > 0.155
+    np.testing.assert_allclose(around.distance(points[low]), beside[low], atol=0.5 * CELL)
+    over = 0.45 - points[high, 2]
+    np.testing.assert_allclose(around.distance(points[high]), over, atol=3e-3)
+    # what is further from V than that does not count
+    near = ClearanceField(obstacles, tight, 0.2)
+    np.testing.assert_allclose(near.distance(points[high]), 0.5)
+
+
+def test_the_same_values_every_time(obstacles):
+    one, two = (ClearanceField(obstacles, VOLUME, 0.5)._table.values for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_an_empty_volume_has_the_cap(obstacles):
+    empty = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
+    field = ClearanceField(empty, VOLUME, cap=0.4)
+    points = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    np.testing.assert_allclose(field.distance(points), 0.4, rtol=1e-6)
+    volume = TargetVolume(np.array([-0.3, -0.3, 0.3]), np.array([-0.1, 0.0, 0.4]))
+    above = ClearanceField(obstacles, volume)
+    np.testing.assert_allclose(above.distance(np.array([[-0.2, -0.1, 0.31]])), 0.5)
+
+
+def test_noisy_support_within_the_contact_tolerance_does_not_count():
+    rng = np.random.default_rng(2)
+    floor = plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0))
+    for height in np.arange(0.0, 0.01, 0.001):
+        rough = floor + np.array([0.0, 0.0, height])
+        rough[:, 2] += rng.uniform(0.0, 0.0029, len(rough))
+        obstacles = ObstacleSet.from_points(rough, bounds=BOUNDS)
+        field = ClearanceField(obstacles, VOLUME)
+        points = np.c_[rng.uniform(-0.1, 0.1, (200, 2)), np.full(200, 0.0001)]
+        pose = pin.SE3(np.eye(3), np.array([0.0, 0.0, height]))
+        assert field.mean_clearance(pose.homogeneous, points)[0] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_gradient_is_that_of_the_interpolation(field):
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-0.3, -0.3, 0.01), (0.3, 0.25, 0.3), (500, 3))
+    step = 1e-6
+    origin = field._table.origin
+    inner = np.abs((points[:, :2] - origin) / CELL % 1.0 - 0.5).max(axis=1) < 0.49
+    points = points[inner]
+    gradient = field.gradient(points)
+    for axis in range(2):
+        ahead, behind = points.copy(), points.copy()
+        ahead[:, axis] += step
+        behind[:, axis] -= step
+        numeric = (field.distance(ahead) - field.distance(behind)) / (2 * step)
+        np.testing.assert_allclose(gradient[:, axis], numeric, atol=1e-6)
+
+
+def test_mean_clearance_and_its_gradient(field):
+    rng = np.random.default_rng(4)
+    body = rng.uniform(-0.04, 0.04, (400, 3)) + np.array([0.03, 0.0, 0.05])
+    pose = pin.SE3(pin.utils.rotate("z", 0.7) @ pin.utils.rotate("x", 0.3), np.array([0, 0, 0.05]))
+    value, gradient = field.mean_clearance(pose.homogeneous, body)
+    world = body @ pose.rotation.T + pose.translation
+    world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
+    assert value == pytest.approx(field.distance(world).mean(), abs=1e-12)
+    np.testing.assert_allclose(gradient[:2], field.gradient(world).mean(axis=0), atol=1e-12)
+    step = 1e-6
+
+    def at(change):
+        turned = pin.SE3(
+            pin.utils.rotate("z", change[2]) @ pose.rotation,
+            pose.translation + np.array([change[0], change[1], 0.0]),
+        )
+        return field.mean_clearance(turned.homogeneous, body)[0]
+
+    numeric = [(at(step * e) - at(-step * e)) / (2 * step) for e in np.eye(3)]
+    np.testing.assert_allclose(gradient, numeric, atol=2e-3)
+
+
+def test_batches_equal_single_poses(field):
+    rng = np.random.default_rng(5)
+    body = rng.uniform(-0.04, 0.04, (50, 3))
+    poses = np.stack([pin.SE3.Random().homogeneous for _ in range(6)])
+    values, gradients = field.mean_clearance_batch(poses, body)
+    for pose, value, gradient in zip(poses, values, gradients, strict=True):
+        single = field.mean_clearance(pose, body)
+        assert single[0] == value
+        np.testing.assert_array_equal(single[1], gradient)
+
+
+def test_bad_lengths_are_refused(obstacles):
+    with pytest.raises(ParameterError):
+        ClearanceField(obstacles, VOLUME, cap=float("nan"))
+    with pytest.raises(ParameterError):
+        ClearanceField(obstacles, VOLUME, padding=-1.0)
+    with pytest.raises(ParameterError, match="beyond"):
+        ClearanceField(obstacles, VOLUME, beyond=-0.1)
