@@ -240,5 +240,5 @@ def _measured_pose(value: object) -> pin.SE3:
     numbers = list(value) if isinstance(value, Sequence | array) else []
     if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
         raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
-    wish_checks.pose("pose", numbers)
+    wish_checks.check_pose_value("pose", numbers)
     return poses_from_list("pose", numbers)[0]

@@ -102,7 +102,7 @@ class Beside:
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
-        return self._environment.support_of(slope).ends(height, _ROOM)
+        return self._environment.support_of(slope).ends(height, _STANDING_GAP_M)
 
 
 class Edge(Beside):

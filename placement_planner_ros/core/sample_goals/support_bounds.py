@@ -141,12 +141,12 @@ class _Columns:
         margin: float | None,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with room at that height, summed up."""
-        off = 0.51 * _SAME_HEIGHT
+        off = 0.51 * _SAME_HEIGHT_M
         nx, ny = self._shape
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
         # Mark columns with a surface at that height, and sum them up.
         for table, level in zip(sums, levels, strict=True):
-            squares = support.room(level * _SAME_HEIGHT, tolerance, margin, off)
+            squares = support.room(level * _SAME_HEIGHT_M, tolerance, margin, off)
             low, high = self._columns_of(squares[:, :2]), self._columns_of(squares[:, 2:])
             for i, j in ((low, low), (low, high), (high, low), (high, high)):
                 near = (i[:, 0] >= 0) & (i[:, 0] < nx) & (j[:, 1] >= 0) & (j[:, 1] < ny)

@@ -66,7 +66,7 @@ class Protrusions:
             noise: (n,) m, of heights.
         """
         support = self._environment.support_of(slope)
-        low = 0.5 * LEANS * widths + planes[:, 0] + _RISES * noise + _LEVEL
+        low = 0.5 * MAX_LEAN_SLOPE * widths + planes[:, 0] + _RISE_NOISES * noise + _LEVEL_SPREAD_M
         frames = T @ self._inward[faces]
         found = np.zeros(len(T), np.bool_)
         for face in np.unique(faces):

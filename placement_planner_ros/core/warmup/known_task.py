@@ -113,7 +113,10 @@ class KnownTask:
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
         support.supported(np.zeros((1, 3)), 0.003, 0.05)
-        one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
+        one, far_below = (
+            _translated_pose(0.05, 0.05, 0.06).homogeneous[None],
+            np.array([[-10.0, 0.0, 0.0]]),
+        )
         rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
         none = np.zeros(1)
         rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)

@@ -163,7 +163,7 @@ def test_what_was_seen_below_proves_gaps_unless_an_object_stands_there_since(sna
         among = seen(
             snapshot, clouds=clouds, origins=(origin, *others[0]), placed=(False, *others[1])
         )
-        support = Surroundings.of(seen).environment().support
+        support = Surroundings.of(among).environment().support
         return (~support.supported(through.reshape(-1, 3), 0.003)).sum()
 
     assert holes(None) == 0
