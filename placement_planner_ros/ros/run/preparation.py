@@ -37,10 +37,15 @@ class _Build:
 
     Attributes:
         ended: set once there is an environment, an error, or neither as nobody wants it any more.
+        scene: of the surroundings, the same for whatever is held; None until it is made.
+
+    Args:
+        scene: where one of the same scene is there already.
     """
 
-    def __init__(self, surroundings: Surroundings) -> None:
+    def __init__(self, surroundings: Surroundings, scene: Environment | None = None) -> None:
         self.surroundings = surroundings
+        self.scene = scene
         self.ended = threading.Event()
         self.unwanted = False
         self.error: BaseException | None = None
@@ -73,10 +78,13 @@ class _Build:
 
         try:
             with stoppable(unwanted):
-                environment = self.surroundings.environment()
+                if self.scene is None:
+                    self.scene = self.surroundings.scene()
+                _ = self.scene.clearance
+                _ = self.scene.has_unseen_ceiling  # so that start finds it ready
+                environment = self.surroundings.environment(self.scene)
                 step("making boxes of the obstacle set")
                 box_arrays(environment.obstacles)
-                _ = environment.clearance
                 self._environment = environment
         except BaseException as error:  # raised again in the thread that asks for the environment
             self.error = error
@@ -277,12 +285,14 @@ class Preparation:
 
     def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
         """The build of these surroundings, and whether it is yet to be worked on; lock held."""
-        newest = self._newest
+        newest, scene = self._newest, None
         if newest is not None:
             if newest.error is None and newest.surroundings.same(surroundings):
                 return newest, False
             newest.unwanted = True
-        self._newest = _Build(surroundings)
+            if newest.surroundings.same_scene(surroundings):
+                scene = newest.scene
+        self._newest = _Build(surroundings, scene)
         return self._newest, True
 
     def _look_ahead(self) -> None:

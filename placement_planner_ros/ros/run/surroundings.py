@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,7 @@ class Surroundings:
     Attributes:
         points: (n, 3) neither near the robot nor near the held object, nor flying, planning frame.
         near: of those that are near, what may be something else.
-        bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
+        bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         snapshot: where the robot is, which only `unknown` looks at.
         unknown: what sights leave unknown is occupied.
@@ -42,6 +42,7 @@ class Surroundings:
         beyond_volume: `clearance.beyond_volume`.
         disagreements: of clouds whose heights contradict each other.
         flying: per cloud, (n,) which of its points are flying pixels.
+        kept: (n,) which points of all clouds are `points`.
     """
 
     points: Array
@@ -57,6 +58,7 @@ class Surroundings:
     beyond_volume: bool = True
     disagreements: tuple[Disagreement, ...] = ()
     flying: tuple[npt.NDArray[np.bool_], ...] = ()
+    kept: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -75,22 +77,45 @@ class Surroundings:
             measured = ~np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
             rows = np.flatnonzero(measured & real)
             kept[rows], near = _near(snapshot, points[rows])
-        sights = _sights(snapshot, kept, flying)
-        points = points[kept & real]
-        return cls(
-            points,
+        kept &= real
+        parameters = snapshot.parameters
+        asked = parameters["unknown_space"]
+        made = cls(
+            np.zeros((0, 3)),
             near,
-            grid_bounds(snapshot, points),
-            snapshot.parameters.volume,
-            snapshot.parameters.grid_settings,
-            snapshot.parameters.region_settings,
-            sights,
+            _workspace(snapshot),
+            parameters.volume,
+            parameters.grid_settings,
+            parameters.region_settings,
+            (),
             snapshot,
-            snapshot.parameters["unknown_space"] != "free",
-            snapshot.parameters["unknown_space"] == "occupied_below",
-            bool(snapshot.parameters["clearance.beyond_volume"]),
-            _disagreements(snapshot, np.vstack(snapshot.clouds), kept & real),
+            asked != "free",
+            asked == "occupied_below",
+            bool(parameters["clearance.beyond_volume"]),
+            (),
             flying,
+            kept,
+        )
+        if before is not None and made._takes_from_clouds_as(before):
+            return replace(
+                made,
+                points=before.points,
+                sights=before.sights,
+                disagreements=before.disagreements,
+            )
+        return replace(
+            made,
+            points=points[kept],
+            sights=_sights(snapshot, kept, flying),
+            disagreements=_disagreements(snapshot, points, kept),
+        )
+
+    def _takes_from_clouds_as(self, other: Surroundings) -> bool:
+        """Whether what is taken from the clouds is the same: another object, perhaps, no more."""
+        return (
+            _same_clouds(self.snapshot, other.snapshot)
+            and self.unknown == other.unknown
+            and np.array_equal(self.kept, other.kept)
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
@@ -100,43 +125,61 @@ class Surroundings:
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
         return self is other or (
+            self.same_scene(other)
+            and self.near.same(other.near)
+            and list(map(str, self.disagreements)) == list(map(str, other.disagreements))
+            and (not self.sights or self.unknown == other.unknown)
+            and (not self.sights or self.unknown_below == other.unknown_below)
+            and (not (self.sights and self.unknown) or _same_hands(self.snapshot, other.snapshot))
+        )
+
+    def same_scene(self, other: Surroundings) -> bool:
+        """Whether both environments are the same but for what robot and object make of them."""
+        return self is other or (
             self.grid == other.grid
             and self.regions == other.regions
             and self.volume.same(other.volume)
             and self.beyond_volume == other.beyond_volume
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
-            and self.near.same(other.near)
-            and list(map(str, self.disagreements)) == list(map(str, other.disagreements))
             and len(self.sights) == len(other.sights)
-            and (not self.sights or self.unknown == other.unknown)
-            and (not self.sights or self.unknown_below == other.unknown_below)
             and all(map(_same_view, self.sights, other.sights))
-            and (not (self.sights and self.unknown) or _same_hands(self.snapshot, other.snapshot))
         )
 
-    def environment(self) -> Environment:
-        """Preprocess the points.
+    def scene(self) -> Environment:
+        """The points preprocessed, which is the same for whatever is held.
 
         Raises:
             PlacementPlannerError: they are unusable.
         """
-        parameters = self.snapshot.parameters
-        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
-        made = Environment.from_points(
+        return Environment.from_points(
             self.points,
             self.volume,
             self.grid,
             self.regions,
             self.bounds,
-            views=self.sights if self.unknown else (),
-            sights=() if self.unknown else self.sights,
-            outside_robot=lambda centers, distance: _outside(
-                self.snapshot, centers, around + distance
-            ),
-            unknown_below=self.unknown_below,
+            sights=self.sights,
             beyond_volume=self.beyond_volume,
         )
+
+    def environment(self, scene: Environment | None = None) -> Environment:
+        """The scene with what is unknown and beside the robot, where that is.
+
+        Args:
+            scene: what `scene` says, where it is known already.
+
+        Raises:
+            PlacementPlannerError: the points are unusable.
+        """
+        parameters = self.snapshot.parameters
+        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+
+        def outside(centers: Array, distance: float) -> npt.NDArray[np.bool_]:
+            return _outside(self.snapshot, centers, around + distance)
+
+        made = self.scene() if scene is None else scene
+        if self.unknown:
+            made = made.with_unknown(self.unknown_below, outside)
         return made.with_disagreements(self.disagreements).with_near(self.near)
 
 
@@ -251,7 +294,6 @@ def _same_view(a: View, b: View) -> bool:
 
 def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
     names = (
-        "contact_tolerance",
         "target_volume",
         "cloud.cell_size",
         "max_slope",
@@ -260,12 +302,22 @@ def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
         "unknown_space",
     )
     return (
+        _same_clouds(a, b)
+        and all(a.parameters[name] == b.parameters[name] for name in names)
+        and _same_hands(a, b)
+    )
+
+
+def _same_clouds(a: Snapshot, b: Snapshot) -> bool:
+    """Whether the clouds are, and what tells which of them contradict each other."""
+    return (
         len(a.clouds) == len(b.clouds)
         and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))
         and a.placed == b.placed
+        and a.topics == b.topics
+        and a.times == b.times
         and all(map(np.array_equal, map(_known, a.origins), map(_known, b.origins)))
-        and all(a.parameters[name] == b.parameters[name] for name in names)
-        and _same_hands(a, b)
+        and a.parameters["contact_tolerance"] == b.parameters["contact_tolerance"]
     )
 
 
@@ -296,25 +348,6 @@ def _workspace(snapshot: Snapshot) -> tuple[Array, Array]:
     )
 
 
-def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
-
-    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
-    counts too.
-    """
-    lower, upper = _workspace(snapshot)
-    if _is_unknown_occupied(snapshot):
-        return lower, upper
-    volume = snapshot.parameters.volume
-    found = cropped(lower, upper, points, float(snapshot.parameters["cloud.cell_size"]))
-    return (volume.lower, volume.upper) if found is None else found
-
-
-def warm_up() -> None:
-    """Compile, or load."""
-    cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
-
-
 def require_grid(snapshot: Snapshot) -> None:
     """Refuse cells so small that the obstacle set, or the target volume, would have too many.
 
@@ -330,8 +363,9 @@ def require_grid(snapshot: Snapshot) -> None:
 
     if not too_many(*_workspace(snapshot)):
         return  # Without a look at the points, as start has little time.
-    lower, upper = grid_bounds(snapshot, np.vstack(snapshot.clouds))
-    if too_many(lower, upper):
+    around = cropped(*_workspace(snapshot), np.vstack(snapshot.clouds), settings.cell_size)
+    if around is not None and too_many(*around):
+        lower, upper = around
         size = " x ".join(f"{side:.3g}" for side in upper - lower)
         raise ParameterError(
             "cloud.cell_size",
@@ -339,12 +373,6 @@ def require_grid(snapshot: Snapshot) -> None:
             f"makes more than {settings.max_cells} cells of the {size} m that are of interest; "
             "set it higher, or a target_volume nearer to the robot",
         )
-
-
-def _is_unknown_occupied(snapshot: Snapshot) -> bool:
-    return snapshot.parameters["unknown_space"] != "free" and any(
-        origin is not None for origin in snapshot.origins
-    )
 
 
 def disagreement_notes(environment: Environment | None) -> list[str]:
@@ -362,14 +390,20 @@ def disagreement_notes(environment: Environment | None) -> list[str]:
 
 
 def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
-    """What to tell of `unknown_space`: how much of V was seen, or that nobody can tell.
+    """What to tell of `unknown_space`: how much of V was seen, or that nobody can tell; and where
+    V lies below a ceiling that nobody saw, what to do about it.
 
     Args:
         environment: the run's; None where it is yet to be made.
     """
     asked = snapshot.parameters["unknown_space"]
     if asked == "free":
-        return []
+        if environment is None or not environment.has_unseen_ceiling:
+            return []
+        return [
+            "target_volume lies in a compartment whose ceiling no sensor has seen, and motions may "
+            "meet it: set unknown_space to occupied_below, or keep_out to where the ceiling is"
+        ]
     if all(origin is None for origin in snapshot.origins):
         return [
             f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen "
