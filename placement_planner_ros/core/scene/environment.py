@@ -32,6 +32,7 @@ from placement_planner_ros.core.scene.regions import (
     regions_of_layer,
 )
 from placement_planner_ros.core.scene.support import SupportMap
+from placement_planner_ros.core.scene.thinning import thinned
 from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
@@ -113,7 +114,7 @@ class Environment:
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
         volume: V.
-        points: how many finite points it was made of, in the workspace or not.
+        points: how many finite points it was given, in the workspace or not.
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
         beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
         seen: share of V that the views saw, free or what was measured; None without views.
@@ -295,6 +296,7 @@ class Environment:
             bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
         reach = checked_bounds(bounds)
         held = cropped(*reach, cloud, _RIM_CELLS * grid.cell_size)
+        cloud = cloud[thinned(cloud, grid.cell_size)]
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(cloud, grid, held or (volume.lower, volume.upper))
         step("finding placement regions")

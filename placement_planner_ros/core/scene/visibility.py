@@ -156,7 +156,7 @@ class SeenSpace:
         rows = rows[self.state[tuple(cells[rows].T)] == UNSEEN]
         lower, upper = self.volume.boxes[:, 0], self.volume.boxes[:, 1] + [0.0, 0.0, CEILING_M]
         at = points[rows, None]
-        found = ((at >= lower) & (at <= upper)).all(axis=2).any(axis=1)
+        found: Mask = np.any(np.all((at >= lower) & (at <= upper), axis=2), axis=1)
         for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
             found |= _behind(points[rows], nearest, view.origin)
         result = np.zeros(len(points), np.bool_)

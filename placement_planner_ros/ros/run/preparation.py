@@ -121,7 +121,7 @@ class _Order:
     def flying(self) -> int:
         """How many points were left out as flying pixels."""
         assert self.build is not None
-        return sum(int(flies.sum()) for flies in self.build.surroundings.flying)
+        return self.build.surroundings.flying
 
 
 class Preparation:

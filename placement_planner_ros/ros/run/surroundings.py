@@ -12,7 +12,6 @@ from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.extent import cropped
-from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.regions import RegionSettings
@@ -24,6 +23,7 @@ from placement_planner_ros.ros.inputs.self_filter import (
     near_points,
     outside_robot,
 )
+from placement_planner_ros.ros.run.real_clouds import RealCloud
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
@@ -41,8 +41,8 @@ class Surroundings:
         unknown_below: `unknown_space` is occupied_below.
         beyond_volume: `clearance.beyond_volume`.
         disagreements: of clouds whose heights contradict each other.
-        flying: per cloud, (n,) which of its points are flying pixels.
-        kept: (n,) which points of all clouds are `points`.
+        clouds: those of the snapshot, without flying pixels, thinned.
+        kept: (n,) which of their points are `points`.
     """
 
     points: Array
@@ -57,7 +57,7 @@ class Surroundings:
     unknown_below: bool = False
     beyond_volume: bool = True
     disagreements: tuple[Disagreement, ...] = ()
-    flying: tuple[npt.NDArray[np.bool_], ...] = ()
+    clouds: tuple[RealCloud, ...] = ()
     kept: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
     @classmethod
@@ -69,15 +69,13 @@ class Surroundings:
         """
         if before is not None and before.made_of(snapshot):
             return before
-        points = np.vstack(snapshot.clouds)
-        flying = _flying(snapshot, before)
-        real = ~np.concatenate(flying)
+        clouds = RealCloud.all_of(snapshot, () if before is None else before.clouds)
+        points = np.vstack([cloud.points for cloud in clouds])
         kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
-            measured = ~np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
-            rows = np.flatnonzero(measured & real)
+            measured = [np.full(len(cloud.points), not cloud.placed) for cloud in clouds]
+            rows = np.flatnonzero(np.concatenate(measured))
             kept[rows], near = _near(snapshot, points[rows])
-        kept &= real
         parameters = snapshot.parameters
         asked = parameters["unknown_space"]
         made = cls(
@@ -93,7 +91,7 @@ class Surroundings:
             asked == "occupied_below",
             bool(parameters["clearance.beyond_volume"]),
             (),
-            flying,
+            clouds,
             kept,
         )
         if before is not None and made._takes_from_clouds_as(before):
@@ -106,17 +104,62 @@ class Surroundings:
         return replace(
             made,
             points=points[kept],
-            sights=_sights(snapshot, kept, flying),
-            disagreements=_disagreements(snapshot, points, kept),
+            sights=made._sights(),
+            disagreements=made._contradictions(),
         )
 
     def _takes_from_clouds_as(self, other: Surroundings) -> bool:
         """Whether what is taken from the clouds is the same: another object, perhaps, no more."""
         return (
             _same_clouds(self.snapshot, other.snapshot)
+            and self.grid.cell_size == other.grid.cell_size
             and self.unknown == other.unknown
             and np.array_equal(self.kept, other.kept)
         )
+
+    @property
+    def flying(self) -> int:
+        """How many points of the clouds are left out as flying pixels."""
+        return sum(cloud.flying for cloud in self.clouds)
+
+    def _kept_by_cloud(self) -> list[npt.NDArray[np.bool_]]:
+        return np.split(self.kept, np.cumsum([len(cloud.points) for cloud in self.clouds])[:-1])
+
+    def _contradictions(self) -> tuple[Disagreement, ...]:
+        """Which of the topics' clouds contradict each other, by those points that are kept."""
+        kept, snapshot = self._kept_by_cloud(), self.snapshot
+        rows = [i for i, topic in enumerate(snapshot.topics) if topic]
+        return tuple(
+            disagreements(
+                [self.clouds[i].points[kept[i]] for i in rows],
+                [snapshot.topics[i] for i in rows],
+                [snapshot.times[i] for i in rows],
+                snapshot.parameters["contact_tolerance"],
+            )
+        )
+
+    def _sights(self) -> tuple[View, ...]:
+        """Of each cloud whose sensor's place is known what it saw.
+
+        Lines of sight that pass through the box around an object placed since tell nothing any
+        more.
+        """
+        placed = [
+            (cloud.points.min(axis=0), cloud.points.max(axis=0))
+            for cloud in self.clouds
+            if cloud.placed
+        ]
+        sights = []
+        for cloud, hides in zip(self.clouds, self._kept_by_cloud(), strict=True):
+            if cloud.origin is None:
+                continue
+            # the robot's points tell of unknown space what they do not hide; else they are left
+            # out, so that a robot that moves makes no environment anew
+            tells = np.ones(len(hides), np.bool_) if self.unknown else hides.copy()
+            for lower, upper in placed:
+                tells &= ~_passes(cloud.points, cloud.origin, lower, upper)
+            sights.append(View(cloud.points[tells], cloud.origin, hides[tells]))
+        return tuple(sights)
 
     def made_of(self, snapshot: Snapshot) -> bool:
         """Whether these are that snapshot's, as far as can be told at a glance."""
@@ -192,78 +235,6 @@ def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], Nea
     clear = parameters.planner_settings.collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
-
-
-def _disagreements(
-    snapshot: Snapshot, points: Array, kept: npt.NDArray[np.bool_]
-) -> tuple[Disagreement, ...]:
-    """Which of the topics' clouds contradict each other, by those points (n, 3) that are kept."""
-    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-    clouds, each_kept = np.split(points, ends), np.split(kept, ends)
-    rows = [i for i, topic in enumerate(snapshot.topics) if topic]
-    return tuple(
-        disagreements(
-            [clouds[i][each_kept[i]] for i in rows],
-            [snapshot.topics[i] for i in rows],
-            [snapshot.times[i] for i in rows],
-            snapshot.parameters["contact_tolerance"],
-        )
-    )
-
-
-def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArray[np.bool_], ...]:
-    """Per cloud, (n,) which of its points are flying pixels; clouds that were there before are not
-    looked at again."""
-    known: dict[int, tuple[Array | None, npt.NDArray[np.bool_]]] = {}
-    if before is not None and before.snapshot.origins:
-        clouds, origins = before.snapshot.clouds, before.snapshot.origins
-        for cloud, origin, flies in zip(clouds, origins, before.flying, strict=True):
-            known[id(cloud)] = origin, flies
-    found = []
-    for i, cloud in enumerate(snapshot.clouds):
-        origin = snapshot.origins[i] if snapshot.origins else None
-        seen_from, flies = known.get(id(cloud), (None, np.zeros(len(cloud), np.bool_)))
-        if origin is not None and not (snapshot.placed and snapshot.placed[i]):
-            if seen_from is None or not np.array_equal(origin, seen_from):
-                flies = flying_pixels(cloud, origin)
-        else:
-            flies = np.zeros(len(cloud), np.bool_)
-        found.append(flies)
-    return tuple(found)
-
-
-def _sights(
-    snapshot: Snapshot,
-    kept: npt.NDArray[np.bool_],
-    flying: tuple[npt.NDArray[np.bool_], ...],
-) -> tuple[View, ...]:
-    """Of each cloud whose sensor's place is known what it saw.
-
-    Lines of sight that pass through the box around an object placed since tell nothing any more.
-
-    Args:
-        kept: (n,) points of all clouds that the robot does not carry.
-    """
-    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-    origins = snapshot.origins or (None,) * len(snapshot.clouds)
-    placed = [
-        (cloud.min(axis=0), cloud.max(axis=0))
-        for cloud, is_placed in zip(snapshot.clouds, snapshot.placed, strict=False)
-        if is_placed
-    ]
-    sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
-    for cloud, hides, origin, flies in zip(
-        snapshot.clouds, np.split(kept, ends), origins, flying, strict=True
-    ):
-        if origin is None:
-            continue
-        # the robot's points tell of unknown space what they do not hide; else they are left out, so
-        # that a robot that moves makes no environment anew
-        tells = ~flies if unknown else ~flies & hides
-        for lower, upper in placed:
-            tells &= ~_passes(cloud, origin, lower, upper)
-        sights.append(View(cloud[tells], origin, hides[tells]))
-    return tuple(sights)
 
 
 def _passes(points: Array, origin: Array, lower: Array, upper: Array) -> npt.NDArray[np.bool_]:
