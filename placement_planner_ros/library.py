@@ -27,8 +27,6 @@ from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.extent import cropped
-from placement_planner_ros.core.scene.grid import GridSettings, checked_cloud
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.core.wishes.settings import TurnSettings as TurnSettings
@@ -92,11 +90,8 @@ def plan(
     except (TypeError, ValueError) as error:
         raise ParameterError("seed", seed, "give an integer of at least 0, or None") from error
     if not isinstance(environment, Environment):
-        points = checked_cloud(environment)
         bounds = workspace(robot, arms, q, body, volume)
-        known = np.vstack([points, volume.lower, volume.upper])
-        bounds = cropped(*bounds, known, GridSettings().cell_size)
-        environment = Environment.from_points(points, volume, bounds=bounds)
+        environment = Environment.from_points(environment, volume, bounds=bounds)
     elif not volume.same(environment.volume):
         raise VolumeError(
             "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"

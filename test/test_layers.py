@@ -49,6 +49,7 @@ ORDER = [
     # Algorithm 1
     "core.explanation",
     "core.statistics",
+    "core.unseen_way",
     "core.planner",
     "core.warmup",
 ]

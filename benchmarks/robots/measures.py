@@ -54,10 +54,9 @@ from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.problem import Problem, workspace
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup.warm_up import warm_up
@@ -94,15 +93,9 @@ def problem_of(subject: MeasuredRobot, name: str, seen: Observation) -> tuple[Pr
     points = np.vstack([view.points for view in sights]) if sights else seen.points
     body = Body.from_mesh(*object_of(subject, name))
     robot, arms, q, volume = subject.robot, subject.arms, subject.q_start, subject.volume
-    # As the node has it: of the workspace, what points lie in.
-    lower, upper = workspace(robot, arms, q, body, volume)
-    within = points[((points >= lower) & (points <= upper)).all(axis=1)]
-    rim = 2.0 * GridSettings().cell_size
-    ends = within.min(axis=0) - rim, within.max(axis=0) + rim
     return build_problem(
         CaseInputs(robot, arms, q, body, volume, points),
         "maximize_clearance",
-        bounds=(np.maximum(lower, ends[0]), np.minimum(upper, ends[1])),
         views=sights,
         outside_robot=partial(outside_boxes, boxes_at_start(subject)),
         unknown_below=True,

@@ -34,6 +34,8 @@ class Solution:
         retreat_trajectory: from there on with the hand open; None where there is none.
         validity: as it was when this was handed out; `validity` of the client says it of now.
         words: all this for people.
+        unseen: share of the way, of arm and object, through space in and around the target volume
+            that no sensor looked at; None where no sensor's place is known.
     """
 
     run: int
@@ -50,6 +52,7 @@ class Solution:
     retreat_trajectory: JointTrajectory | None = field(repr=False)
     validity: Validity
     words: str
+    unseen: float | None = None
 
 
 def solution_of(
@@ -82,4 +85,5 @@ def solution_of(
         retreat if values["has_retreat"] == "true" else None,
         validity,
         status.message,
+        float(values["unseen"]) if "unseen" in values else None,
     )

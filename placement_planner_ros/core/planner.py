@@ -58,8 +58,13 @@ from placement_planner_ros.core.stability.support_settings import (
 )
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
+from placement_planner_ros.core.timing.trajectory_maker import (
+    TimedMotion,
+    TimingSettings,
+    TrajectoryMaker,
+)
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
+from placement_planner_ros.core.unseen_way import unseen_share
 from placement_planner_ros.core.wishes import checks
 from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
 
@@ -69,6 +74,8 @@ _EXPLAINED_SAMPLES = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
+SupportRegionName = Literal["any", "largest"]
+SUPPORT_REGIONS: tuple[SupportRegionName, ...] = get_args(SupportRegionName)
 SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
 
 
@@ -118,6 +125,12 @@ class PlannerSettings(Settings):
         "m",
         "With support: vertices, distance that what the object stands on keeps from the end of its "
         "support: where the surface drops or was not seen, not where a thing stands.",
+    )
+    support_region: SupportRegionName = setting(
+        "any",
+        text="On which surfaces in target_volume an object is placed. largest: only on the largest "
+        "and what is level with it, so not on top of other things; any: on all of them.",
+        choices=SUPPORT_REGIONS,
     )
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
@@ -233,6 +246,9 @@ class PlacementPlanner:
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
         before = problem.environment
         problem = with_exclusion_zones(replace(problem, q_start=unwound), settings.keep_out)
+        if settings.support_region == "largest":
+            environment = problem.environment.with_largest_region()
+            problem = replace(problem, environment=environment)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem,
@@ -416,8 +432,25 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
             self._terms(goal),
+            self._unseen(made, holding),
         )
         return placement.turned(self._turned[goal.arm])
+
+    def _unseen(self, made: TimedMotion, holding: Holding) -> float | None:
+        """How much of a motion no sensor looked at."""
+        problem, space = self._poses.problem, self._poses.problem.environment.seen_space
+        if space is None:
+            return None
+        return unseen_share(
+            space,
+            problem.robot,
+            problem.q_start,
+            holding.moving.arm,
+            problem.body,
+            holding.grasp,
+            made.trajectory,
+            made.retreat,
+        )
 
     def _terms(self, goal: Goal) -> tuple[tuple[str, float], ...]:
         """What a placement there is judged by, and what is required of it, by name."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,9 @@ from placement_planner_ros.core.types import Array, TargetVolume
 
 _HAND_LENGTH_M = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
+_HELD_STEP_M = 0.5
+"""m, of which what is held is taken to reach a whole number beyond the tip, so that the workspace,
+and the environment, is the same for all objects of about a size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,16 +65,17 @@ def workspace(
     robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
 ) -> tuple[Array, Array]:
     """Box (lower (3,), upper (3,)) that holds V, what counts for clearance around it, and whatever
-    arm, hand and object can touch."""
+    arm, hand and object can touch; the same for objects that reach about as far from the hand."""
     size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    around = max(size, CAP)
+    around = max(_HELD_STEP_M * math.ceil(size / _HELD_STEP_M), CAP)
     lower, upper = volume.lower - around, volume.upper + around
     for arm in arms:
         chain = Chain.from_robot(robot, arm, q_robot)
         lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
         slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
         held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
-        radius = lengths + slides + held + size + _HAND_LENGTH_M
+        beyond_tip = _HELD_STEP_M * math.ceil((held + size) / _HELD_STEP_M)
+        radius = lengths + slides + beyond_tip + _HAND_LENGTH_M
         base = chain.fixed[0, :3, 3]
         lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
     return lower, upper

@@ -258,6 +258,8 @@ class Placement:
         samples: goal samples tried until then.
         retreat: from there on, the hand open and the object left behind; None without.
         terms: names and values of what it is judged by and what is required of it.
+        unseen: share of the way, of arm and object, through space in and around V that no sensor
+            looked at; None where no sensor's place is known.
     """
 
     goal: Goal
@@ -267,6 +269,7 @@ class Placement:
     samples: int
     retreat: Trajectory | None = None
     terms: tuple[tuple[str, float], ...] = ()
+    unseen: float | None = None
 
     def turned(self, by: Array) -> Placement:
         """The same with whole turns `by` (dof,), rad, more in continuous joints."""

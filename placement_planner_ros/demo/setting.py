@@ -101,9 +101,10 @@ def bundled(scene_name: str, object_name: str) -> Setting:
 
 def _told(scene: Scene) -> dict[str, object]:
     """What the node is told of a bundled scene."""
+    told: dict[str, object] = {"support_region": "largest"}  # not on top of other things
     if scene.name == "table":
-        return {"edge_margin": _FROM_EDGES, "target_volume": list(_TABLE_TOP)}
-    return {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
+        return told | {"edge_margin": _FROM_EDGES, "target_volume": list(_TABLE_TOP)}
+    return told | {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
 
 
 def of_file(file: Path, scene_name: str) -> Setting:

@@ -18,6 +18,7 @@ from placement_planner_ros.view.panel import COMMANDS
 
 PATIENCE = 5.0
 """Seconds for which a start is tried again that is refused for what passes by itself."""
+_REGIONS = ("any", "largest")
 _OBJECTIVES = ("maximize_clearance", "minimize_clearance", "weighted")
 _NUMBERS = {
     "time_limit": "Time limit, s (0: none)",
@@ -26,6 +27,7 @@ _NUMBERS = {
 }
 _START, _STOP, _CONFIRM = "Start", "Stop", "Confirm as placed"
 _VOLUME, _OBJECTIVE, _RETREAT = "target_volume", "objective", "require_retreat"
+_REGION = "support_region"
 
 
 class Controls:
@@ -62,6 +64,7 @@ class Controls:
             self._fields: dict[str, Any] = {
                 _VOLUME: gui.add_text("Target volume", "", hint="x y z, x y z: m"),
                 _OBJECTIVE: gui.add_dropdown("Objective", _OBJECTIVES),
+                _REGION: gui.add_dropdown("Place on region", _REGIONS),
                 _RETREAT: gui.add_checkbox("Require a retreat", True),
             }
             for name, label in _NUMBERS.items():

@@ -111,6 +111,8 @@ def placement(
         + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
     ]
     lines += [_terms(solution.terms)] if solution.terms else []
+    if solution.unseen:
+        lines.append(f"{solution.unseen:.1%} of the way leads where no camera looked")
     if placed:
         lines.append("This run's object has been put down already.")
     elif solution.number != last:

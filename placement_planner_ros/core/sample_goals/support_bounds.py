@@ -16,6 +16,7 @@ from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.stability.by_polygon import PolygonSupport
 from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
@@ -122,7 +123,9 @@ class _Columns:
         volume, measured = poses.problem.volume, environment.measured
         size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
         self._cell_size = measured.cell_size
-        self._origin = volume.lower[:2] - size
+        # columns are the same for every body
+        self._first = np.floor((volume.lower[:2] - size) / self._cell_size).astype(np.int64)
+        self._origin = self._first * self._cell_size
         self._shape = self._columns_of(volume.upper[:2] + size) + 1
         self._tables = {}
         # A table for each slope of a region.
@@ -141,16 +144,14 @@ class _Columns:
         margin: float | None,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with room at that height, summed up."""
-        off = 0.51 * _SAME_HEIGHT_M
         nx, ny = self._shape
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
         # Mark columns with a surface at that height, and sum them up.
         for table, level in zip(sums, levels, strict=True):
-            squares = support.room(level * _SAME_HEIGHT_M, tolerance, margin, off)
-            low, high = self._columns_of(squares[:, :2]), self._columns_of(squares[:, 2:])
-            for i, j in ((low, low), (low, high), (high, low), (high, high)):
-                near = (i[:, 0] >= 0) & (i[:, 0] < nx) & (j[:, 1] >= 0) & (j[:, 1] < ny)
-                table[i[near, 0] + 1, j[near, 1] + 1] = 1
+            z = float(level * _SAME_HEIGHT_M)
+            columns = _with_room(support, z, tolerance, margin, self._cell_size) - self._first
+            near = ((columns >= 0) & (columns < (nx, ny))).all(axis=1)
+            table[columns[near, 0] + 1, columns[near, 1] + 1] = 1
         return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
 
     def _columns_of(self, points: Array) -> Index:
@@ -174,6 +175,24 @@ class _Columns:
             found[of] = sums[level, c, d] - sums[level, a, d] - sums[level, c, b]
             found[of] += sums[level, a, b]
         return found
+
+
+@weak_lru_cache("support", maxsize=64)
+def _with_room(
+    support: SupportMap, z: float, tolerance: float, margin: float | None, cell_size: float
+) -> Index:
+    """(k, 2) columns of cells with room for a margin at about that height."""
+    squares = support.room(z, tolerance, margin, 0.51 * _SAME_HEIGHT_M)
+    x0, y0, x1, y1 = np.floor(squares / cell_size).astype(np.int64).T
+    ends = np.concatenate(
+        [np.column_stack(each) for each in ((x0, y0), (x0, y1), (x1, y0), (x1, y1))]
+    )
+    if not len(ends):
+        return ends
+    low = ends.min(axis=0)
+    held = np.zeros(ends.max(axis=0) - low + 1, np.bool_)
+    held[tuple((ends - low).T)] = True
+    return np.asarray(np.argwhere(held) + low)
 
 
 def _beside_volume(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,14 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
-from placement_planner_ros.core.scene.extent import finite_extent
-from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
+from placement_planner_ros.core.scene.compartment import has_unseen_ceiling
+from placement_planner_ros.core.scene.extent import cropped, finite_extent
+from placement_planner_ros.core.scene.grid import (
+    GridSettings,
+    ObstacleSet,
+    checked_bounds,
+    checked_cloud,
+)
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.layers import SlopeCloud
 from placement_planner_ros.core.scene.near_points import NearPoints, laid_over
@@ -25,13 +32,8 @@ from placement_planner_ros.core.scene.regions import (
     regions_of_layer,
 )
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.visibility import (
-    OutsideRobot,
-    View,
-    seen_free,
-    share_seen,
-    unknown_cells,
-)
+from placement_planner_ros.core.scene.thinning import thinned
+from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
@@ -40,12 +42,10 @@ MAX_CELLS = 100_000_000
 
 CONTACT_TOLERANCE_M = 0.003
 """m above or below a region's height within which surface is of it."""
-_BELOW = 0.005
-"""m that unknown space stays below a measured surface. What stands on that surface keeps the margin
-and planning's reserve (4.2 mm by default) from unknown space, which else begins anywhere within a
-cell below; and nothing that keeps 2.5 mm or more from both fits between them."""
 _AROUND = 0.3
 """m that is known around V, in x and y."""
+_RIM_CELLS = 2
+"""Cells around all points that the obstacle set has, too."""
 
 
 def require_room(volume: TargetVolume, cell_size: float) -> None:
@@ -114,10 +114,11 @@ class Environment:
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
         volume: V.
-        points: how many finite points it was made of, in the workspace or not.
+        points: how many finite points it was given, in the workspace or not.
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
         beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
         seen: share of V that the views saw, free or what was measured; None without views.
+        seen_space: what sensors whose place is known saw in and around V; None without any.
         near: points beside the robot; the common ones are part of `obstacles`.
         disagreements: of the clouds it was made of.
     """
@@ -135,6 +136,7 @@ class Environment:
     max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     seen: float | None = None
+    seen_space: SeenSpace | None = None
     near: NearPoints = field(default_factory=NearPoints)
     disagreements: tuple[Disagreement, ...] = ()
     _of_grasps: dict[bytes, tuple[ObstacleSet, ObstacleSet | None]] = field(
@@ -147,18 +149,20 @@ class Environment:
         Raises:
             CloudError: they make the grid too large.
         """
-        return replace(self, obstacles=laid_over(self.obstacles, near.common), near=near)
+        return self._changed(obstacles=laid_over(self.obstacles, near.common), near=near)
 
     def with_disagreements(self, found: Sequence[Disagreement]) -> Environment:
         """The same with nothing put down where clouds contradict each other."""
         points = np.vstack([np.zeros((0, 3)), *(each.points for each in found)])
-        made = replace(self, disagreements=tuple(found))
         if not len(points):
-            return made
+            return self._changed(disagreements=tuple(found))
         cells = np.floor((points - self.obstacles.origin) / self.obstacles.cell_size)
         # what is cleaned of noise may come to lie a layer higher or lower
         around = np.unique(cells, axis=0)[:, None] + [(0, 0, -1), (0, 0, 0), (0, 0, 1)]
-        return replace(made, obstacles=self.obstacles.without_footing(around.reshape(-1, 3)))
+        return self._changed(
+            disagreements=tuple(found),
+            obstacles=self.obstacles.without_footing(around.reshape(-1, 3)),
+        )
 
     def obstacles_of(self, arm: str, grasp: int) -> tuple[ObstacleSet, ObstacleSet | None]:
         """The obstacle set for an arm with the object in one of its grasps; and of that what `near`
@@ -175,7 +179,38 @@ class Environment:
 
     def of_grasp(self, arm: str, grasp: int) -> Environment:
         """The same with the obstacle set of one grasp."""
-        return replace(self, obstacles=self.obstacles_of(arm, grasp)[0])
+        return self._changed(obstacles=self.obstacles_of(arm, grasp)[0])
+
+    def with_unknown(
+        self, below_measured: bool = False, outside_robot: OutsideRobot | None = None
+    ) -> Environment:
+        """The same with what no sensor saw as obstacle, though never support; itself where no
+        sensor's place is known.
+
+        Args:
+            below_measured: nothing above the highest that was measured is unknown.
+            outside_robot: tells the cells that the robot is in, which are not unknown.
+
+        Raises:
+            CloudError: unknown space makes the grid too large.
+        """
+        space = self.seen_space
+        if space is None:
+            return self
+        step("finding unknown space")
+        obstacles = space.with_unknown(space.unknown(below_measured, outside_robot))
+        return self._changed(obstacles=obstacles, seen=space.share_of_volume)
+
+    def with_largest_region(self) -> Environment:
+        """The same with only the largest region, and those level with it."""
+        return self._changed(regions=level_with_largest(self.regions))
+
+    def _changed(self, **changes: Any) -> Environment:
+        """A copy in which what was made of what was measured holds as before."""
+        made = replace(self, **changes)
+        if "clearance" in self.__dict__:
+            object.__setattr__(made, "clearance", self.clearance)
+        return made
 
     def keeping_out(self, boxes: Array, lower: Array, upper: Array) -> Environment:
         """The same with boxes (k, 2, 3) as obstacles, see `keep_out`.
@@ -191,21 +226,22 @@ class Environment:
         if not len(boxes):
             return self
         step("keeping out of boxes")
-        made = replace(
-            self,
+        return self._changed(
             obstacles=kept_out(self.obstacles, boxes, lower, upper),
             regions=cut(self.regions, boxes),
             keep_out=boxes,
         )
-        if "clearance" in self.__dict__:  # what was made of what was measured holds as before
-            object.__setattr__(made, "clearance", self.clearance)
-        return made
 
     def support_of(self, slope: Slope) -> SupportMap:
         """What answers s(x) on surfaces of a slope that some region has."""
         if slope == LEVEL:
             return self.support
         return next(each.support for each in self.inclines if each.slope == slope)
+
+    @property
+    def has_unseen_ceiling(self) -> bool:
+        """Whether V lies in a compartment whose ceiling no sensor saw."""
+        return self.seen_space is not None and has_unseen_ceiling(self.seen_space, self.regions)
 
     @cached_property
     def clearance(self) -> ClearanceField:
@@ -238,7 +274,8 @@ class Environment:
             volume: V.
             grid: GridSettings() unless given.
             regions: RegionSettings() unless given.
-            bounds: lower and upper corner of the workspace; around the points and V unless given.
+            bounds: lower and upper corner of the workspace, points outside of which are left out;
+                around the points and V unless given.
             views: what sensors at known places measured, see `visibility`.
             sights: the same where what they leave unknown is free; their lines of sight, and those
                 of views, prove gaps in surfaces, see `support_sights`.
@@ -251,14 +288,19 @@ class Environment:
             CloudError: see `ObstacleSet.from_points`.
             VolumeError: see `require_room`.
         """
-        require_room(volume, (grid or GridSettings()).cell_size)
-        count, extent = finite_extent(checked_cloud(points))
+        grid, regions = grid or GridSettings(), regions or RegionSettings()
+        require_room(volume, grid.cell_size)
+        cloud = checked_cloud(points)
+        count, extent = finite_extent(cloud)
         if bounds is None:  # around the points alone, a level surface had no room above
             bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
+        reach = checked_bounds(bounds)
+        held = cropped(*reach, cloud, _RIM_CELLS * grid.cell_size)
+        cloud = cloud[thinned(cloud, grid.cell_size)]
         step("making the obstacle set of the clouds")
-        measured = ObstacleSet.from_points(points, grid, bounds)
+        measured = ObstacleSet.from_points(cloud, grid, held or (volume.lower, volume.upper))
         step("finding placement regions")
-        regions, seen = regions or RegionSettings(), (*views, *sights)
+        seen = (*views, *sights)
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []
@@ -268,15 +310,8 @@ class Environment:
             more, sloping = find_regions(measured, volume, regions, planes, slope, seen)
             inclines.append(Incline(slope, sloping, measured, volume, beyond))
             found = largest_regions((*found, *more), regions)
-        step("finding unknown space")
-        free = seen_free(measured, views) if views else None
-        seen_of_volume = None if free is None else share_seen(measured, free, volume)
-        unknown = unknown_cells(
-            measured, views, volume, outside_robot, below_measured=unknown_below, free=free
-        )
-        obstacles = measured.with_full_cells(unknown, _BELOW) if len(unknown) else measured
-        return cls(
-            obstacles,
+        made = cls(
+            measured,
             found,
             support,
             measured,
@@ -287,8 +322,21 @@ class Environment:
             tuple(inclines),
             planes.steep,
             regions.max_slope,
-            seen=seen_of_volume,
+            seen_space=SeenSpace.around(measured, seen, volume, *reach) if seen else None,
         )
+        return made.with_unknown(unknown_below, outside_robot) if views else made
+
+
+def level_with_largest(regions: tuple[Region, ...]) -> tuple[Region, ...]:
+    """Those of the surface that has most area in all, and of others as high as it."""
+    area: dict[tuple[Slope, float], float] = {}
+    for region in regions:  # large surfaces are cut into several, of one height
+        key = region.slope, region.z
+        area[key] = area.get(key, 0.0) + region.area
+    if not area:
+        return ()
+    slope, z = max(area, key=lambda key: area[key])
+    return tuple(r for r in regions if r.slope == slope and abs(r.z - z) <= CONTACT_TOLERANCE_M)
 
 
 def find_regions(

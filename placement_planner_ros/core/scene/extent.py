@@ -8,22 +8,16 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 
-def cropped(
-    lower: Array, upper: Array, points: Array, cell_size: float
-) -> tuple[Array, Array] | None:
+def cropped(lower: Array, upper: Array, points: Array, rim: float) -> tuple[Array, Array] | None:
     """The part of the box from `lower` to `upper` (3,) that points (n, 3) lie in; None if none do.
 
-    With a rim, by whole cells counted from `lower`, so that the cells are the same whatever was
-    seen.
+    Args:
+        rim: m around the points that are part of it, too.
     """
     low, high = _extent(np.ascontiguousarray(points, dtype=np.float64), lower, upper)
     if low[0] > high[0]:
         return None
-    skipped = np.floor((low - lower) / cell_size) - 2.0
-    return (
-        lower + np.maximum(skipped, 0.0) * cell_size,
-        np.minimum(upper, high + 2.0 * cell_size),
-    )
+    return np.maximum(lower, low - rim), np.minimum(upper, high + rim)
 
 
 def finite_extent(points: Array) -> tuple[int, Array]:
@@ -43,6 +37,7 @@ def _extent(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        # also false where a coordinate is NaN
         if lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]:
             for axis, value in ((0, x), (1, y), (2, z)):
                 low[axis] = min(low[axis], value)

@@ -25,8 +25,9 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 
 _ORIGIN_SHIFT = 0.03
-"""Cells begin this share of a cell before the bounds, so that a surface at a round height does not
-fall onto a face between two layers, where rounding would scatter its points over both."""
+"""Cells begin this share of a cell before whole multiples of their size, so that a surface at a
+round height does not fall onto a face between two layers, where rounding would scatter its points
+over both."""
 _ROUNDING = 1e-6
 """m."""
 _LEVEL = 0.06
@@ -45,14 +46,15 @@ class GridSettings(Settings):
             space, are flying pixels; 0 for none. Sparse clouds (median below 4 points per cell)
             are spared.
         max_boxes_per_cell: into how many boxes a cell may be cut where surfaces meet.
-        max_cells: a grid with more cells than this is refused (4 bytes each).
+        max_cells: a grid with more cells than this is refused: 5 bytes each, of which 4 are touched
+            only around what was measured.
     """
 
     cell_size: float = setting(0.01, "[0.002, 0.1]", "m", "Edge of the obstacle set's cells.")
     noise_floor: float = setting(0.00005, "[0, inf)", "m")
     min_points: int = setting(3, "[0, inf)")
     max_boxes_per_cell: int = setting(4, "[1, 4]")
-    max_cells: int = setting(30_000_000, "[1, inf)")
+    max_cells: int = setting(100_000_000, "[1, inf)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,8 +155,8 @@ class ObstacleSet:
         """
         settings = settings or GridSettings()
         cloud = checked_cloud(points)
-        lower, upper = _checked_bounds(cloud, bounds)
-        origin = lower - _ORIGIN_SHIFT * settings.cell_size
+        lower, upper = _extent(cloud) if bounds is None else checked_bounds(bounds)
+        origin = lattice_corner(lower, settings.cell_size)
         shape = _grid_shape(origin, upper, settings)
         bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
         noise = 0.0
@@ -331,6 +333,12 @@ class ObstacleSet:
         )
 
 
+def lattice_corner(lower: Array, cell_size: float) -> Array:
+    """(3,) the corner of the cell that a point (3,) lies in: cells are the same in every grid."""
+    corner = np.floor(lower / cell_size + _ORIGIN_SHIFT) - _ORIGIN_SHIFT
+    return np.asarray(corner * cell_size)
+
+
 def surface_tolerance(noise: float) -> float:
     """Height differences within one level surface, metres: 0.5 mm, more on noisy clouds."""
     return max(0.0005, min(0.5 * noise, 0.002))
@@ -360,14 +368,19 @@ def checked_cloud(points: npt.ArrayLike) -> Array:
     return cloud
 
 
-def _checked_bounds(
-    cloud: Array, bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None
-) -> tuple[Array, Array]:
-    if bounds is None:
-        count, corners = finite_extent(cloud)
-        if count == 0:
-            raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
-        return corners[0], corners[1]
+def _extent(cloud: Array) -> tuple[Array, Array]:
+    count, corners = finite_extent(cloud)
+    if count == 0:
+        raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
+    return corners[0], corners[1]
+
+
+def checked_bounds(bounds: tuple[npt.ArrayLike, npt.ArrayLike]) -> tuple[Array, Array]:
+    """Lower and upper corner (3,) of a box.
+
+    Raises:
+        CloudError: they are not finite, or not in this order.
+    """
     corners = np.array(bounds, dtype=np.float64)
     if corners.shape != (2, 3) or not np.isfinite(corners).all():
         raise CloudError("bounds", corners.tolist(), "give two corners of three finite numbers")

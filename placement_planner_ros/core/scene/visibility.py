@@ -3,15 +3,17 @@
 Every measured point shows that the line from its sensor to it is free. A cell that no such line
 crosses, and that holds no measured point, has not been seen. It is *unknown* if something measured
 hides it from a sensor (the shadow of clutter, the inside of things, the space under a table), or if
-it lies in V, where nothing is taken on trust. Elsewhere, outside every field of view, unseen space
-is taken to be free: that is where the arm mostly starts and moves.
+it lies in V, where nothing is taken on trust. Elsewhere, outside every field of view and further
+than `AROUND_M` from V, unseen space is taken to be free: that is where the arm mostly starts and
+moves.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -21,19 +23,30 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
+Cells = npt.NDArray[np.int32]
 Flags = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 OutsideRobot = Callable[[Array, float], Mask]
 """Which of (n, 3) points are further than a distance, metres, from the robot and what it holds."""
 
-_UNSEEN, _OCCUPIED = 0, 2
-"""States of a cell; 1 is seen free."""
+AROUND_M = 0.5
+"""m around V in which it is known what was seen: as far as things count for clearance."""
+CEILING_M = 0.3
+"""m above V in which a ceiling would matter: about what a hand takes above the object."""
+UNSEEN, FREE, OCCUPIED = 0, 1, 2
+"""States of a cell."""
+_BELOW_M = 0.005
+"""m that unknown space stays below a measured surface. What stands on that surface keeps the margin
+and planning's reserve (4.2 mm by default) from unknown space, which else begins anywhere within a
+cell below; and nothing that keeps 2.5 mm or more from both fits between them."""
 _BINS = 128
 """Directions from a sensor are told apart by a cube of bins around it, this many along an edge:
 less than 1° each."""
 _BLOCK = 8
 """Edge of the blocks of cells that are looked at one by one only where the robot is near."""
+_ROUNDING = 1e-6
+"""Cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,97 +80,171 @@ class View:
         object.__setattr__(self, "origin", frozen_array(origin))
 
 
-def unknown_cells(
-    obstacles: ObstacleSet,
-    views: Sequence[View],
-    volume: TargetVolume,
-    outside_robot: OutsideRobot | None = None,
-    *,
-    below_measured: bool = False,
-    free: Mask | None = None,
-) -> npt.NDArray[np.int32]:
-    """The cells that unknown space begins with: those with a face towards any other space.
+@dataclass(frozen=True, eq=False)
+class SeenSpace:
+    """What sensors saw in and around V, in cells of the lattice that the obstacle set has.
 
-    Nothing gets to the cells behind them, or nearer to those than to these.
-
-    Args:
-        obstacles: what was measured; its cells are not unknown.
-        views: clouds whose sensors' positions are known. Without any, nothing is unknown.
+    Attributes:
+        measured: the obstacle set; its cells are not unknown.
+        views: clouds whose sensors' positions are known.
         volume: V.
-        outside_robot: cells not wholly outside the robot, where it is, are taken to be free.
-        below_measured: cells above the highest that holds something measured are taken to be free.
-        free: what `seen_free` says of the views, where that is known already.
-
-    Returns:
-        (k, 3) cells of the obstacle set's grid, in lexicographic order.
+        origin: (3,) lower corner, metres.
+        shape: number of cells along x, y, z.
+        goes_on: (3, 2) whether there is space beyond the lower and the upper end of each axis.
     """
-    if not views:
-        return np.zeros((0, 3), np.int32)
-    free = seen_free(obstacles, views) if free is None else free.copy()
-    state = free.view(np.uint8)
-    state[tuple(obstacles.cells.T)] = _OCCUPIED
-    unknown = _in_volume(obstacles, volume, state)
-    for view in views:
-        points = view.points if view.hides is None else view.points[view.hides]
-        nearest = _nearest(points, view.origin)
-        _add_hidden(nearest, view.origin, obstacles.origin, obstacles.cell_size, state, unknown)
-    if below_measured:
-        unknown[:, :, np.max(obstacles.cells[:, 2], initial=-1) + 1 :] = False
-    if outside_robot is not None:
-        _clear_robot(unknown, obstacles, outside_robot)
-    return np.asarray(_surface(unknown))
 
+    measured: ObstacleSet
+    views: tuple[View, ...]
+    volume: TargetVolume
+    origin: Array
+    shape: tuple[int, int, int]
+    goes_on: npt.NDArray[np.bool_]
 
-def seen_free(obstacles: ObstacleSet, views: Sequence[View]) -> Mask:
-    """(nx, ny, nz) the cells of the grid that a line of sight crosses on its way to its point."""
-    free = np.zeros(obstacles.shape, np.bool_)
-    for view in views:
-        _carve(view.points, view.origin, obstacles.origin, obstacles.cell_size, free)
-    return free
+    @classmethod
+    def around(
+        cls,
+        measured: ObstacleSet,
+        views: Sequence[View],
+        volume: TargetVolume,
+        lower: Array,
+        upper: Array,
+    ) -> SeenSpace:
+        """The space no further than `AROUND_M` from V.
 
+        Args:
+            lower, upper: (3,) corners of all space that anything gets to.
+        """
+        size = measured.cell_size
+        low = np.maximum(volume.lower - AROUND_M, lower)
+        high = np.minimum(volume.upper + AROUND_M, upper)
+        first = np.floor((low - measured.origin) / size + _ROUNDING)
+        sides = np.floor((high - measured.origin) / size + _ROUNDING) - first + 1.0
+        shape = (int(sides[0]), int(sides[1]), int(sides[2]))
+        goes_on = np.stack([low > lower, high < upper], axis=1)
+        origin = frozen_array(measured.origin + first * size)
+        return cls(measured, tuple(views), volume, origin, shape, goes_on)
 
-def share_seen(obstacles: ObstacleSet, free: Mask, volume: TargetVolume) -> float:
-    """Of the cells that V reaches into, how many were seen free or hold something measured.
+    @cached_property
+    def state(self) -> Flags:
+        """(nx, ny, nz) `FREE` where a line of sight crosses a cell on its way to its point,
+        `OCCUPIED` where something was measured, `UNSEEN` elsewhere."""
+        free = np.zeros(self.shape, np.bool_)
+        for view in self.views:
+            _carve(view.points, view.origin, self.origin, self.measured.cell_size, free)
+        state = free.view(np.uint8)
+        cells = self.measured.cells + self._shift
+        state[tuple(cells[self._within(cells)].T)] = OCCUPIED
+        return state
 
-    Args:
-        free: what `seen_free` says.
-    """
-    of_volume = np.zeros(obstacles.shape, np.bool_)
-    for lower, upper in volume.joined:
-        first = np.floor((lower - obstacles.origin) / obstacles.cell_size).astype(int).clip(min=0)
-        last = np.ceil((upper - obstacles.origin) / obstacles.cell_size).astype(int).clip(min=0)
-        of_volume[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = True
-    known = int((of_volume & free).sum())
-    held = tuple(obstacles.cells.T)
-    known += int((of_volume[held] & ~free[held]).sum())
-    return known / max(int(of_volume.sum()), 1)
+    @property
+    def _shift(self) -> npt.NDArray[np.int64]:
+        """What takes cells of the obstacle set to those of here."""
+        off = (self.measured.origin - self.origin) / self.measured.cell_size
+        return np.asarray(off.round().astype(np.int64))
 
+    def _within(self, cells: npt.NDArray[np.int64]) -> Mask:
+        return np.asarray(((cells >= 0) & (cells < self.shape)).all(axis=1))
 
-def _in_volume(obstacles: ObstacleSet, volume: TargetVolume, state: Flags) -> Mask:
-    """Unseen cells whose centres lie in V."""
-    unknown = np.zeros(obstacles.shape, np.bool_)
-    size = obstacles.cell_size
-    for lower, upper in volume.joined:
-        first = np.ceil((lower - obstacles.origin) / size - 0.5).astype(int).clip(min=0)
-        last = np.floor((upper - obstacles.origin) / size - 0.5).astype(int).clip(min=-1)
-        inside = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))
-        unknown[inside] = state[inside] == _UNSEEN
-    return unknown
+    def unseen(self, points: Array) -> Mask:
+        """(n,) which points (n, 3) lie where no sensor looked and something may be.
 
+        In V and up to `CEILING_M` above it, all that is unseen; further away from V, what something
+        measured hides; nothing beyond these cells.
+        """
+        cells = np.floor((points - self.origin) / self.measured.cell_size).astype(np.int64)
+        rows = np.flatnonzero(self._within(cells))
+        rows = rows[self.state[tuple(cells[rows].T)] == UNSEEN]
+        lower, upper = self.volume.boxes[:, 0], self.volume.boxes[:, 1] + [0.0, 0.0, CEILING_M]
+        at = points[rows, None]
+        found: Mask = np.any(np.all((at >= lower) & (at <= upper), axis=2), axis=1)
+        for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
+            found |= _behind(points[rows], nearest, view.origin)
+        result = np.zeros(len(points), np.bool_)
+        result[rows] = found
+        return result
 
-def _clear_robot(unknown: Mask, obstacles: ObstacleSet, outside_robot: OutsideRobot) -> None:
-    """Unset cells that are not wholly outside the robot."""
-    size = obstacles.cell_size
-    blocks = np.indices([-(-n // _BLOCK) for n in obstacles.shape]).reshape(3, -1).T
-    centers = obstacles.origin + (blocks + 0.5) * _BLOCK * size
-    near = blocks[~outside_robot(centers, math.sqrt(0.75) * _BLOCK * size)]
-    within = np.indices((_BLOCK,) * 3).reshape(3, -1).T
-    cells = (near[:, None] * _BLOCK + within).reshape(-1, 3)
-    cells = cells[(cells < obstacles.shape).all(axis=1)]
-    cells = cells[unknown[tuple(cells.T)]]
-    centers = obstacles.origin + (cells + 0.5) * size
-    cells = cells[~outside_robot(centers, math.sqrt(0.75) * size)]
-    unknown[tuple(cells.T)] = False
+    @cached_property
+    def _nearest_hiding(self) -> list[Array]:
+        """Of each view, `_nearest` of the points that hide something."""
+        return [
+            _nearest(view.points if view.hides is None else view.points[view.hides], view.origin)
+            for view in self.views
+        ]
+
+    @property
+    def share_of_volume(self) -> float:
+        """Of the cells that V reaches into, how many were seen free or hold something measured."""
+        of_volume = np.zeros(self.shape, np.bool_)
+        size = self.measured.cell_size
+        for lower, upper in self.volume.joined:
+            first = np.floor((lower - self.origin) / size).astype(int).clip(min=0)
+            last = np.ceil((upper - self.origin) / size).astype(int).clip(min=0)
+            of_volume[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = True
+        return float((self.state[of_volume] != UNSEEN).mean()) if of_volume.any() else 1.0
+
+    def unknown(
+        self, below_measured: bool = False, outside_robot: OutsideRobot | None = None
+    ) -> Cells:
+        """The cells that unknown space begins with: those with a face towards any other space.
+
+        Nothing gets to the cells behind them, or nearer to those than to these.
+
+        Args:
+            below_measured: cells above the highest in which something was measured are free.
+            outside_robot: cells not wholly outside the robot, where it is, are taken to be free.
+
+        Returns:
+            (k, 3) in lexicographic order.
+        """
+        size = self.measured.cell_size
+        unknown = self._in_volume()
+        for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
+            _add_hidden(nearest, view.origin, self.origin, size, self.state, unknown)
+        if below_measured:
+            highest = np.max(self.measured.cells[:, 2], initial=-1) + self._shift[2]
+            unknown[:, :, max(int(highest) + 1, 0) :] = False
+        if outside_robot is not None:
+            self._clear_robot(unknown, outside_robot)
+        return np.asarray(_surface(unknown, self.goes_on))
+
+    def with_unknown(self, cells: Cells) -> ObstacleSet:
+        """The obstacle set with these cells (k, 3) as obstacles on which nothing stands.
+
+        Raises:
+            CloudError: they make the grid too large.
+        """
+        if not len(cells):
+            return self.measured
+        size = self.measured.cell_size
+        lower, upper = (self.origin + (end + 0.5) * size for end in (cells.min(0), cells.max(0)))
+        larger = self.measured.reaching(lower, upper)
+        shift = replace(self, measured=larger)._shift.astype(np.int32)
+        return larger.with_full_cells(cells - shift, _BELOW_M)
+
+    def _in_volume(self) -> Mask:
+        """(nx, ny, nz) unseen cells whose centres lie in V."""
+        unknown = np.zeros(self.shape, np.bool_)
+        size = self.measured.cell_size
+        for lower, upper in self.volume.joined:
+            first = np.ceil((lower - self.origin) / size - 0.5).astype(int).clip(min=0)
+            last = np.floor((upper - self.origin) / size - 0.5).astype(int).clip(min=-1)
+            inside = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))
+            unknown[inside] = self.state[inside] == UNSEEN
+        return unknown
+
+    def _clear_robot(self, unknown: Mask, outside_robot: OutsideRobot) -> None:
+        """Unset cells that are not wholly outside the robot."""
+        size = self.measured.cell_size
+        blocks = np.indices([-(-n // _BLOCK) for n in self.shape]).reshape(3, -1).T
+        centers = self.origin + (blocks + 0.5) * _BLOCK * size
+        near = blocks[~outside_robot(centers, math.sqrt(0.75) * _BLOCK * size)]
+        within = np.indices((_BLOCK,) * 3).reshape(3, -1).T
+        cells = (near[:, None] * _BLOCK + within).reshape(-1, 3)
+        cells = cells[self._within(cells)]
+        cells = cells[unknown[tuple(cells.T)]]
+        centers = self.origin + (cells + 0.5) * size
+        cells = cells[~outside_robot(centers, math.sqrt(0.75) * size)]
+        unknown[tuple(cells.T)] = False
 
 
 @kernel(nogil=True)
@@ -296,6 +383,16 @@ def _nearest(points: Array, sensor: Array) -> Array:
 
 
 @kernel(nogil=True)
+def _behind(points: Array, nearest: Array, sensor: Array) -> Mask:
+    """(n,) which points (n, 3) lie behind something as seen by a sensor; see `_add_hidden`."""
+    found = np.zeros(len(points), np.bool_)
+    for p in range(len(points)):
+        x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
+        found[p] = x * x + y * y + z * z > nearest[_bin(x, y, z)]
+    return found
+
+
+@kernel(nogil=True)
 def _add_hidden(
     nearest: Array, sensor: Array, origin: Array, size: float, state: Flags, unknown: Mask
 ) -> None:
@@ -312,7 +409,7 @@ def _add_hidden(
         for j in range(ny):
             y = origin[1] + (j + 0.5) * size - sensor[1]
             for k in range(nz):
-                if state[i, j, k] != _UNSEEN or unknown[i, j, k]:
+                if state[i, j, k] != UNSEEN or unknown[i, j, k]:
                     continue
                 z = origin[2] + (k + 0.5) * size - sensor[2]
                 square = x * x + y * y + z * z
@@ -321,21 +418,21 @@ def _add_hidden(
 
 
 @kernel(lean=True)
-def _at_surface(unknown: Mask, i: int, j: int, k: int) -> bool:
-    """Whether one of the six cells beside a cell is not set."""
+def _begins(unknown: Mask, goes_on: Mask, i: int, j: int, k: int) -> bool:
+    """Whether one of the six cells beside a set cell is not set, or is space further away."""
     nx, ny, nz = unknown.shape
-    return (
-        (k > 0 and not unknown[i, j, k - 1])
-        or (k + 1 < nz and not unknown[i, j, k + 1])
-        or (j > 0 and not unknown[i, j - 1, k])
-        or (j + 1 < ny and not unknown[i, j + 1, k])
-        or (i > 0 and not unknown[i - 1, j, k])
-        or (i + 1 < nx and not unknown[i + 1, j, k])
+    return bool(
+        (goes_on[2, 0] if k == 0 else not unknown[i, j, k - 1])
+        or (goes_on[2, 1] if k + 1 == nz else not unknown[i, j, k + 1])
+        or (goes_on[1, 0] if j == 0 else not unknown[i, j - 1, k])
+        or (goes_on[1, 1] if j + 1 == ny else not unknown[i, j + 1, k])
+        or (goes_on[0, 0] if i == 0 else not unknown[i - 1, j, k])
+        or (goes_on[0, 1] if i + 1 == nx else not unknown[i + 1, j, k])
     )
 
 
 @kernel(nogil=True)
-def _surface(unknown: Mask) -> npt.NDArray[np.int32]:
+def _surface(unknown: Mask, goes_on: Mask) -> Cells:
     """(k, 3) set cells with a face towards one that is not set."""
     nx, ny, nz = unknown.shape
     cells = np.empty((1 << 16, 3), np.int32)
@@ -343,7 +440,7 @@ def _surface(unknown: Mask) -> npt.NDArray[np.int32]:
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
-                if unknown[i, j, k] and _at_surface(unknown, i, j, k):
+                if unknown[i, j, k] and _begins(unknown, goes_on, i, j, k):
                     if count == len(cells):
                         cells = np.concatenate((cells, np.empty_like(cells)))
                     cells[count, 0], cells[count, 1], cells[count, 2] = i, j, k

@@ -34,7 +34,6 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
@@ -225,9 +224,8 @@ def _noisy_surroundings(
     block = _level_points(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
     points = rng.normal(np.vstack([_level_points(0.25, 0.25, 0.0), block]), 0.001)
     volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
-    lower, upper = workspace(robot, (arm,), q_start, body, volume)
+    bounds = workspace(robot, (arm,), q_start, body, volume)
     settings = GridSettings()
-    bounds = cropped(lower, upper, np.vstack([points, volume.lower, volume.upper]), 0.01)
     eye = np.array([0.0, 0.0, 1.5])
     seen = points[~flying_pixels(points, eye)]
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15

@@ -63,6 +63,14 @@ class PointSet:
     topic: str = ""
     time: float = 0.0
 
+    def same(self, other: PointSet) -> bool:
+        """Whether both hold the same array, seen from the same place."""
+        if self.points is not other.points or self.placed != other.placed:
+            return False
+        if self.origin is None or other.origin is None:
+            return self.origin is other.origin
+        return np.array_equal(self.origin, other.origin)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedPoints:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -143,6 +144,11 @@ class Outline:
             found.nearest[rows[better]] = nearest[better] @ T.rotation.T + T.translation
         return found
 
+    def boxes(self) -> Array:
+        """(k, 2, 3) middle and half sides of the upright box around each, with its padding."""
+        found = [_upright_box(T, tree, padding + ROUNDING_M) for T, tree, padding in self.placed]
+        return np.array(found).reshape(-1, 2, 3)
+
     def outside(self, points: Array) -> Mask:
         """Which of the (n, 3) points are neither in it nor within its padding."""
         return ~self.look(points).padded
@@ -204,6 +210,10 @@ def near_points(
     Returns:
         (n,) which are farther away; and the obstacles among the others.
     """
+    boxes = np.concatenate([outline.boxes() for outline in (robot, *held.values())])
+    around = _in_boxes(np.ascontiguousarray(points), boxes)  # most points are nowhere near
+    kept = np.ones(len(points), np.bool_)
+    points = points[around]
     of_robot = robot.look(points)
     of_grasps = {grasp: outline.look(points) for grasp, outline in held.items()}
     beside_held = np.zeros(len(points), np.bool_)
@@ -220,7 +230,8 @@ def near_points(
     for grasp, look in of_grasps.items():
         others = beside_held & ~of_robot.joined(look).own()
         aside[grasp] = _pushed(things(others), (robot, held[grasp]), clear)
-    return ~(of_robot.padded | beside_held), NearPoints(common, aside)
+    kept[around] = ~(of_robot.padded | beside_held)
+    return kept, NearPoints(common, aside)
 
 
 def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:
@@ -256,13 +267,46 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
 
 def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDArray[np.int64]:
     """Rows of points (n, 3) in the upright box around a solid at T, grown by `cap` metres."""
-    low, high = tree.boxes[1, :3], tree.boxes[1, 3:]
-    middle, half = T.act((low + high) / 2), np.abs(T.rotation) @ ((high - low) / 2)
-    half += cap + tree.radius
+    middle, half = _upright_box(T, tree, cap)
     near = np.ones(len(points), np.bool_)
     for axis in range(3):
         near &= np.abs(points[:, axis] - middle[axis]) <= half[axis]
     return np.flatnonzero(near)
+
+
+@kernel(nogil=True)
+def _in_boxes(points: Array, boxes: Array) -> npt.NDArray[np.int64]:
+    """Rows of points (n, 3) in any of (k, 2, 3) boxes, of which middle and half sides are given."""
+    rows = np.empty(len(points), np.int64)
+    count = 0
+    # a box around all of them first
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for b in range(len(boxes)):
+        for a in range(3):
+            low[a] = min(low[a], boxes[b, 0, a] - boxes[b, 1, a])
+            high[a] = max(high[a], boxes[b, 0, a] + boxes[b, 1, a])
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        within = low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]
+        if not within:  # also where a coordinate is NaN
+            continue
+        for b in range(len(boxes)):
+            if (
+                abs(x - boxes[b, 0, 0]) <= boxes[b, 1, 0]
+                and abs(y - boxes[b, 0, 1]) <= boxes[b, 1, 1]
+                and abs(z - boxes[b, 0, 2]) <= boxes[b, 1, 2]
+            ):
+                rows[count] = p
+                count += 1
+                break
+    return rows[:count]
+
+
+def _upright_box(T: pin.SE3, tree: TriangleTree, cap: float) -> tuple[Array, Array]:
+    """Middle and half sides (3,) of the box around a solid at T, grown by `cap` metres."""
+    low, high = tree.boxes[1, :3], tree.boxes[1, 3:]
+    half = np.abs(T.rotation) @ ((high - low) / 2) + cap + tree.radius
+    return T.act((low + high) / 2), half
 
 
 @weak_lru_cache("robot", maxsize=1)

@@ -23,7 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.errors import sayable
-from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.environment import Environment, level_with_largest
 from placement_planner_ros.core.scene.keep_out import boxes_of, cut
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
@@ -50,7 +50,7 @@ class Outputs:
         self._lock = threading.Lock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
-        self._drawn: tuple[Environment, list[float]] | None = None
+        self._drawn: tuple[Environment, list[object]] | None = None
         self._undrawn: tuple[Snapshot, Environment, float] | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile | int) -> Publisher:
@@ -113,12 +113,15 @@ class Outputs:
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
         volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
-        if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != keep_out:
+        of = [keep_out, snapshot.parameters["support_region"]]
+        if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != of:
             boxes = boxes_of(keep_out)
             regions = cut(environment.regions, boxes) if keep_out else environment.regions
+            if of[1] == "largest":
+                regions = level_with_largest(regions)
             standing = [part.points for part in snapshot.parts if part.placed]
             self._scene = scene_markers(header, volume, boxes, regions, standing)
-            self._drawn = environment, keep_out
+            self._drawn = environment, of
         self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(
@@ -153,6 +156,8 @@ class Outputs:
             "has_retreat": str(retreat is not None).lower(),
             "search_time": f"{search_time:.3f}",
         } | {f"term.{name}": value for name, value in placement.terms}
+        if placement.unseen is not None:
+            values["unseen"] = f"{placement.unseen:.4f}"
         words = (
             f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to "
             + "{:.3f} {:.3f} {:.3f}".format(*T.translation)
@@ -160,6 +165,8 @@ class Outputs:
         )
         if retreat is not None:
             words += f", retreat {retreat.duration:.1f} s"
+        if placement.unseen:
+            words += f", {placement.unseen:.1%} of the way where no sensor looked"
         if placement.terms:
             words += "; " + ", ".join(f"{name} {term:.3g}" for name, term in placement.terms)
         with self._lock:

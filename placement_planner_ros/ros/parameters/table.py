@@ -35,6 +35,7 @@ SETTINGS: dict[type[Settings], dict[str, str]] = {
         "support": "support",
         "support_margin": "support_margin",
         "edge_margin": "edge_margin",
+        "support_region": "support_region",
         "approach_distance": "approach.approach_distance",
         "retreat_distance": "retreat.retreat_distance",
         "require_retreat": "require_retreat",

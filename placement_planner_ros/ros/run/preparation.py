@@ -22,11 +22,12 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.core.warmup.known_robot import known_robot
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.inputs import point_cloud
-from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.inputs.self_filter import Outline, near_points
 from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
@@ -78,16 +79,25 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlann
 def load_input_kernels() -> None:
     """Read, filter and crop a cloud of one point."""
     robot, _ = known_robot()
-    outside_robot(np.zeros((1, 3)), robot, np.zeros(robot.model.nq), (), None, 0.0)
+    outline = Outline.of_robot(robot, np.zeros(robot.model.nq), 0.0)
+    near_points(np.zeros((1, 3)), outline, {}, 0.0, GridSettings())
     point_cloud.warm_up()
     cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
 
 class _Build:
-    """An environment in the making, with the fields that every search needs."""
+    """An environment in the making, with the fields that every search needs.
 
-    def __init__(self, surroundings: Surroundings) -> None:
+    Attributes:
+        scene: of the surroundings, the same for whatever is held; None until it is made.
+
+    Args:
+        scene: where one of the same scene is there already.
+    """
+
+    def __init__(self, surroundings: Surroundings, scene: Environment | None = None) -> None:
         self.surroundings = surroundings
+        self.scene = scene
         self.made: Future[Environment] = Future()
         self.unwanted = False
 
@@ -115,10 +125,13 @@ class _Build:
 
         def make() -> Environment:
             with stoppable(unwanted):
-                environment = self.surroundings.environment()
+                if self.scene is None:
+                    self.scene = self.surroundings.scene()
+                _ = self.scene.clearance
+                _ = self.scene.has_unseen_ceiling  # so that start finds it ready
+                environment = self.surroundings.environment(self.scene)
                 step("making boxes of the obstacle set")
                 box_arrays(environment.obstacles)
-                _ = environment.clearance
                 return environment
 
         _fulfil(self.made, make)
@@ -187,9 +200,8 @@ class Preparation:
                 while not wait([order], LOOK_S).done:
                     step("making the environment of the clouds")
                 build = order.result()
-                flying = sum(int(flies.sum()) for flies in build.surroundings.flying)
                 planner = make_planner(snapshot, build.environment)
-                return Prepared(planner, build.environment, flying)
+                return Prepared(planner, build.environment, build.surroundings.flying)
         finally:
             with self._lock:
                 self._runs -= 1
@@ -263,12 +275,14 @@ class Preparation:
 
     def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
         """The build of these surroundings, and whether it is yet to be worked on; lock held."""
-        newest = self._newest
+        newest, scene = self._newest, None
         if newest is not None:
             if not newest.has_failed and newest.surroundings.same(surroundings):
                 return newest, False
             newest.unwanted = True
-        self._newest = _Build(surroundings)
+            if newest.surroundings.same_scene(surroundings):
+                scene = newest.scene
+        self._newest = _Build(surroundings, scene)
         return self._newest, True
 
     def _look_ahead(self) -> None:

@@ -13,17 +13,16 @@ from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.extent import cropped
-from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.self_filter import (
     Outline,
     held_outlines,
     near_points,
     outside_robot,
 )
+from placement_planner_ros.ros.run.real_clouds import RealCloud
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 Mask = npt.NDArray[np.bool_]
@@ -43,10 +42,11 @@ class Surroundings:
         snapshot: the inputs.
         points: (n, 3) neither near the robot nor near the held object, nor flying, planning frame.
         near: of those that are near, what may be something else.
-        bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
+        bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         disagreements: of clouds whose heights contradict each other.
-        flying: per cloud, (n,) which of its points are flying pixels.
+        clouds: those of the snapshot, without flying pixels, thinned.
+        kept: (n,) which of their points are `points`.
     """
 
     snapshot: Snapshot
@@ -55,7 +55,8 @@ class Surroundings:
     bounds: tuple[Array, Array]
     sights: tuple[View, ...]
     disagreements: tuple[Disagreement, ...]
-    flying: tuple[Mask, ...]
+    clouds: tuple[RealCloud, ...]
+    kept: Mask
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -66,31 +67,41 @@ class Surroundings:
         """
         if before is not None and before.made_of(snapshot):
             return before
-        flying = _flying_of_each(snapshot, before)
-        points, real = np.vstack(snapshot.clouds), ~np.concatenate(flying)
+        clouds = RealCloud.all_of(snapshot, () if before is None else before.clouds)
+        points = np.vstack([cloud.points for cloud in clouds])
         kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
-            measured = np.repeat([not p.placed for p in snapshot.parts], _sizes(snapshot))
-            rows = np.flatnonzero(measured & real)
+            measured = [np.full(len(cloud.points), not cloud.part.placed) for cloud in clouds]
+            rows = np.flatnonzero(np.concatenate(measured))
             kept[rows], near = _beside_robot(snapshot, points[rows])
-        each_kept = np.split(kept, np.cumsum(_sizes(snapshot))[:-1])
-        left = points[kept & real]
-        return cls(
-            snapshot,
-            left,
-            near,
-            grid_bounds(snapshot, left),
-            _sights(snapshot, each_kept, flying),
-            _disagreements(snapshot, each_kept, flying),
-            flying,
+        bounds = _workspace(snapshot)
+        if before is not None and before._took_from_clouds(snapshot, kept):
+            taken = before.points, near, bounds, before.sights, before.disagreements
+            return cls(snapshot, *taken, clouds, kept)
+        each_kept = np.split(kept, np.cumsum([len(cloud.points) for cloud in clouds])[:-1])
+        sights = _sights(snapshot, clouds, each_kept)
+        contrary = _disagreements(snapshot, clouds, each_kept)
+        return cls(snapshot, points[kept], near, bounds, sights, contrary, clouds, kept)
+
+    def _took_from_clouds(self, snapshot: Snapshot, kept: Mask) -> bool:
+        """Whether another snapshot takes the same from the clouds: another object, perhaps, no
+        more."""
+        return (
+            _have_same_clouds(self.snapshot, snapshot)
+            and _agree(self.snapshot, snapshot, _MAKE_POINTS)
+            and np.array_equal(self.kept, kept)
         )
+
+    @property
+    def flying(self) -> int:
+        """How many points of the clouds are left out as flying pixels."""
+        return sum(cloud.flying for cloud in self.clouds)
 
     def made_of(self, snapshot: Snapshot) -> bool:
         """Whether these are that snapshot's, as far as can be told at a glance."""
         mine = self.snapshot
         return (
-            len(mine.parts) == len(snapshot.parts)
-            and all(map(_is_same_part, mine.parts, snapshot.parts))
+            _have_same_clouds(mine, snapshot)
             and _agree(mine, snapshot, _MAKE_POINTS)
             and _have_same_hands(mine, snapshot)
         )
@@ -98,11 +109,19 @@ class Surroundings:
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
         return self is other or (
-            self._rules == other._rules
-            and len(self._arrays) == len(other._arrays)
-            and all(map(np.array_equal, self._arrays, other._arrays))
+            self.same_scene(other)
+            and self._rules == other._rules
             and self.near.same(other.near)
             and (not self._is_unknown_occupied or _have_same_hands(self.snapshot, other.snapshot))
+        )
+
+    def same_scene(self, other: Surroundings) -> bool:
+        """Whether both environments are the same but for what robot and object make of them."""
+        mine, its = self._scene_rules, other._scene_rules
+        return self is other or (
+            mine == its
+            and len(self._arrays) == len(other._arrays)
+            and all(map(np.array_equal, self._arrays, other._arrays))
         )
 
     @property
@@ -111,15 +130,19 @@ class Surroundings:
 
     @property
     def _rules(self) -> tuple[object, ...]:
-        """What must be equal."""
+        """What must be equal beyond the scene."""
+        unknown = self.snapshot.parameters["unknown_space"] if self.sights else ""
+        return unknown, [str(each) for each in self.disagreements]
+
+    @property
+    def _scene_rules(self) -> tuple[object, ...]:
+        """What must be equal for the scene."""
         parameters = self.snapshot.parameters
         return (
             parameters.grid_settings,
             parameters.region_settings,
             parameters["target_volume"],
             parameters["clearance.beyond_volume"],
-            parameters["unknown_space"] if self.sights else "",
-            [str(each) for each in self.disagreements],
         )
 
     @property
@@ -128,35 +151,44 @@ class Surroundings:
         sights = [array for view in self.sights for array in (view.origin, view.points, view.hides)]
         return [*self.bounds, self.points, *sights]
 
-    def environment(self) -> Environment:
-        """Preprocess the points.
+    def scene(self) -> Environment:
+        """The points preprocessed, which is the same for whatever is held.
 
         Raises:
             PlacementPlannerError: they are unusable.
         """
-        snapshot, parameters = self.snapshot, self.snapshot.parameters
-        robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
-        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
-        unknown = parameters["unknown_space"] != "free"
-        made = Environment.from_points(
+        parameters = self.snapshot.parameters
+        return Environment.from_points(
             self.points,
             parameters.volume,
             parameters.grid_settings,
             parameters.region_settings,
             self.bounds,
-            views=self.sights if unknown else (),
-            sights=() if unknown else self.sights,
-            outside_robot=lambda centers, distance: outside_robot(
-                centers, robot, q, arms, body, around + distance
-            ),
-            unknown_below=parameters["unknown_space"] == "occupied_below",
+            sights=self.sights,
             beyond_volume=parameters["clearance.beyond_volume"],
         )
+
+    def environment(self, scene: Environment | None = None) -> Environment:
+        """The scene with what is unknown and beside the robot, where that is.
+
+        Args:
+            scene: what `scene` says, where it is known already.
+
+        Raises:
+            PlacementPlannerError: the points are unusable.
+        """
+        snapshot, parameters = self.snapshot, self.snapshot.parameters
+        robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
+        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        made = self.scene() if scene is None else scene
+        if parameters["unknown_space"] != "free":
+            made = made.with_unknown(
+                parameters["unknown_space"] == "occupied_below",
+                lambda centers, distance: outside_robot(
+                    centers, robot, q, arms, body, around + distance
+                ),
+            )
         return made.with_disagreements(self.disagreements).with_near(self.near)
-
-
-def _sizes(snapshot: Snapshot) -> list[int]:
-    return [len(cloud) for cloud in snapshot.clouds]
 
 
 def _beside_robot(snapshot: Snapshot, points: Array) -> tuple[Mask, NearPoints]:
@@ -171,37 +203,23 @@ def _beside_robot(snapshot: Snapshot, points: Array) -> tuple[Mask, NearPoints]:
 
 
 def _disagreements(
-    snapshot: Snapshot, kept: list[Mask], flying: tuple[Mask, ...]
+    snapshot: Snapshot, clouds: tuple[RealCloud, ...], kept: list[Mask]
 ) -> tuple[Disagreement, ...]:
     """Which of the topics' clouds contradict each other, by points that are kept."""
-    rows = [i for i, part in enumerate(snapshot.parts) if part.topic]
-    parts = [snapshot.parts[i] for i in rows]
+    of_topics = [(c, k) for c, k in zip(clouds, kept, strict=True) if c.part.topic]
     return tuple(
         disagreements(
-            [snapshot.parts[i].points[kept[i] & ~flying[i]] for i in rows],
-            [part.topic for part in parts],
-            [part.time for part in parts],
+            [cloud.points[rows] for cloud, rows in of_topics],
+            [cloud.part.topic for cloud, _ in of_topics],
+            [cloud.part.time for cloud, _ in of_topics],
             snapshot.parameters["contact_tolerance"],
         )
     )
 
 
-def _flying_of_each(snapshot: Snapshot, before: Surroundings | None) -> tuple[Mask, ...]:
-    """Per cloud, (n,) which of its points are flying pixels; clouds that were there before are not
-    looked at again."""
-    known = [] if before is None else list(zip(before.snapshot.parts, before.flying, strict=True))
-    found = []
-    for part in snapshot.parts:
-        if part.origin is None or part.placed:
-            found.append(np.zeros(len(part.points), np.bool_))
-            continue
-        same = (flies for other, flies in known if _is_same_part(part, other))
-        flies = next(same, None)
-        found.append(flying_pixels(part.points, part.origin) if flies is None else flies)
-    return tuple(found)
-
-
-def _sights(snapshot: Snapshot, kept: list[Mask], flying: tuple[Mask, ...]) -> tuple[View, ...]:
+def _sights(
+    snapshot: Snapshot, clouds: tuple[RealCloud, ...], kept: list[Mask]
+) -> tuple[View, ...]:
     """Of each cloud whose sensor's place is known what it saw.
 
     Lines of sight that pass through the box around an object placed since tell nothing any more.
@@ -209,17 +227,18 @@ def _sights(snapshot: Snapshot, kept: list[Mask], flying: tuple[Mask, ...]) -> t
     Args:
         kept: per cloud, (n,) points that the robot does not carry.
     """
-    placed = [(p.points.min(axis=0), p.points.max(axis=0)) for p in snapshot.parts if p.placed]
+    placed = [(c.points.min(axis=0), c.points.max(axis=0)) for c in clouds if c.part.placed]
     sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
-    for part, hides, flies in zip(snapshot.parts, kept, flying, strict=True):
-        if part.origin is None:
+    for cloud, hides in zip(clouds, kept, strict=True):
+        origin = cloud.part.origin
+        if origin is None:
             continue
         # the robot's points tell of unknown space what they do not hide; else they are left out, so
         # that a robot that moves makes no environment anew
-        tells = ~flies if unknown else ~flies & hides
+        tells = np.ones(len(hides), np.bool_) if unknown else hides.copy()
         for lower, upper in placed:
-            tells &= ~_passes_through(part.points, part.origin, lower, upper)
-        sights.append(View(part.points[tells], part.origin, hides[tells]))
+            tells &= ~_passes_through(cloud.points, origin, lower, upper)
+        sights.append(View(cloud.points[tells], origin, hides[tells]))
     return tuple(sights)
 
 
@@ -233,13 +252,10 @@ def _passes_through(points: Array, origin: Array, lower: Array, upper: Array) ->
     return np.asarray((enters < leaves) & (enters > 0.0) & (leaves < 1.0))
 
 
-def _is_same_part(a: PointSet, b: PointSet) -> bool:
-    """Whether two point sets hold the same array, seen from the same place."""
-    if a.points is not b.points or a.placed != b.placed:
-        return False
-    if a.origin is None or b.origin is None:
-        return a.origin is b.origin
-    return np.array_equal(a.origin, b.origin)
+def _have_same_clouds(a: Snapshot, b: Snapshot) -> bool:
+    """Whether the clouds are, and what tells which of them contradict each other."""
+    told = [[(part.topic, part.time) for part in snapshot.parts] for snapshot in (a, b)]
+    return told[0] == told[1] and all(x.same(y) for x, y in zip(a.parts, b.parts, strict=True))
 
 
 def _agree(a: Snapshot, b: Snapshot, names: tuple[str, ...]) -> bool:
@@ -266,21 +282,6 @@ def _workspace(snapshot: Snapshot) -> tuple[Array, Array]:
     return workspace(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume)
 
 
-def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
-
-    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
-    counts too.
-    """
-    parameters = snapshot.parameters
-    lower, upper = _workspace(snapshot)
-    seen = any(part.origin is not None for part in snapshot.parts)
-    if parameters["unknown_space"] != "free" and seen:
-        return lower, upper
-    found = cropped(lower, upper, points, float(parameters["cloud.cell_size"]))
-    return (parameters.volume.lower, parameters.volume.upper) if found is None else found
-
-
 def require_grid(snapshot: Snapshot) -> None:
     """Refuse cells so small that the obstacle set, or the target volume, would have too many.
 
@@ -296,8 +297,9 @@ def require_grid(snapshot: Snapshot) -> None:
 
     if not too_many(*_workspace(snapshot)):
         return  # Without a look at the points, as start has little time.
-    lower, upper = grid_bounds(snapshot, np.vstack(snapshot.clouds))
-    if too_many(lower, upper):
+    around = cropped(*_workspace(snapshot), np.vstack(snapshot.clouds), settings.cell_size)
+    if around is not None and too_many(*around):
+        lower, upper = around
         size = " x ".join(f"{side:.3g}" for side in upper - lower)
         raise ParameterError(
             "cloud.cell_size",
@@ -309,7 +311,8 @@ def require_grid(snapshot: Snapshot) -> None:
 
 def environment_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
     """Which clouds contradict each other, and what to tell of `unknown_space`: how much of V was
-    seen, or that nobody can tell.
+    seen, or that nobody can tell; and where V lies below a ceiling that nobody saw, what to do
+    about it.
 
     Args:
         environment: the run's; None where it is yet to be made.
@@ -320,7 +323,12 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
         for each in (() if environment is None else environment.disagreements)
     ]
     asked = snapshot.parameters["unknown_space"]
-    if asked != "free" and all(part.origin is None for part in snapshot.parts):
+    if asked == "free" and environment is not None and environment.has_unseen_ceiling:
+        notes.append(
+            "target_volume lies in a compartment whose ceiling no sensor has seen, and motions may "
+            "meet it: set unknown_space to occupied_below, or keep_out to where the ceiling is"
+        )
+    elif asked != "free" and all(part.origin is None for part in snapshot.parts):
         notes.append(
             f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen "
             "from; publish organised clouds in their optical frame, or name their frame in "

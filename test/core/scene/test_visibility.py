@@ -19,13 +19,7 @@ from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.visibility import (
-    _UNSEEN,
-    View,
-    _in_volume,
-    seen_free,
-    unknown_cells,
-)
+from placement_planner_ros.core.scene.visibility import FREE, SeenSpace, View
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
@@ -52,6 +46,22 @@ def view_of(*parts, eye=EYE, noise=0.0, **changes):
         noise=CameraNoise(noise, 0.0),
     )
     return View(cloud.world_points(), eye, **changes)
+
+
+def space_of(obstacles, views, volume=VOLUME):
+    """What views saw, in the very cells of the obstacle set."""
+    space = SeenSpace.around(obstacles, views, volume, *BOUNDS)
+    assert np.allclose(space.origin, obstacles.origin)
+    assert space.shape == obstacles.shape
+    return space
+
+
+def unknown_cells(obstacles, views, outside=None, below_measured=False):
+    return space_of(obstacles, views).unknown(below_measured, outside)
+
+
+def seen_free(obstacles, views):
+    return space_of(obstacles, views).state == FREE
 
 
 def measured(*views):
@@ -90,7 +100,7 @@ def test_cells_that_lines_of_sight_cross_are_seen_free_and_no_others(sensor):
     points[::9] = np.nan
     points[1] = [*sensor[:2], 0.25]
     settings = GridSettings(cell_size=0.1, min_points=0)
-    obstacles = ObstacleSet.from_points(points, settings, BOUNDS)
+    obstacles = ObstacleSet.from_points(np.zeros((0, 3)), settings, BOUNDS)
     free = seen_free(obstacles, [View(points, sensor)])
     points = points[np.isfinite(points).all(axis=1)]
     assert free.any()
@@ -109,7 +119,7 @@ def test_cells_that_lines_of_sight_cross_are_seen_free_and_no_others(sensor):
 def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
     view = view_of(FLOOR, WALL, CRATE)
     obstacles = measured(view)
-    unknown = mask(obstacles, unknown_cells(obstacles, [view], VOLUME))
+    unknown = mask(obstacles, unknown_cells(obstacles, [view]))
     for x in (0.1, 0.15, 0.2):
         column = unknown[cell_of(obstacles, (x, 0.0, 0.0))[:2]]
         top = obstacles.origin[2] + SIZE * (np.flatnonzero(column).max() + 1)
@@ -117,15 +127,13 @@ def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
 
 
 def test_unseen_cells_of_every_box_are_unknown():
-    view = view_of(FLOOR, WALL, CRATE)
-    obstacles = measured(view)
+    obstacles = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
     low, high = VOLUME.lower, VOLUME.upper
-    inner = np.array([[low, [-0.1, 0.0, 0.1]], [[-0.15, -0.1, 0.0], high]])
+    inner = np.array([[low, [0.0, 0.0, 0.1]], [[-0.15, -0.1, 0.0], high]])
 
     def boxes(*rows):
         volume = TargetVolume(inner[list(rows), 0], inner[list(rows), 1])
-        state = np.full(obstacles.shape, _UNSEEN, np.uint8)
-        return _in_volume(obstacles, volume, state)
+        return space_of(obstacles, [], volume)._in_volume()
 
     both = boxes(0, 1)
     np.testing.assert_array_equal(both, boxes(0) | boxes(1))
@@ -138,7 +146,7 @@ def test_what_is_seen_free_stays_free_with_and_without_noise():
     for noise in (0.0, 0.002):
         view = view_of(FLOOR, WALL, CRATE, noise=noise)
         obstacles = measured(view)
-        cells = unknown_cells(obstacles, [view], VOLUME)
+        cells = unknown_cells(obstacles, [view])
         assert (obstacles.index[tuple(cells.T)] == -1).all()
         low = obstacles.origin + cells * SIZE
         above_floor = low[:, 2] > 0.004 + noise
@@ -183,8 +191,8 @@ def test_a_second_sensor_takes_the_shadow_away():
     front = view_of(FLOOR, CRATE)
     back = view_of(FLOOR, CRATE, eye=np.array([0.8, 0.0, 0.5]))
     both = measured(front, back)
-    one = unknown_cells(both, [front], VOLUME)
-    two = unknown_cells(both, [front, back], VOLUME)
+    one = unknown_cells(both, [front])
+    two = unknown_cells(both, [front, back])
     in_shadow = cell_of(both, (0.12, 0.0, 0.02))
     assert mask(both, one)[:, in_shadow[1], in_shadow[2]][in_shadow[0] - 8 :].any()
     assert not seen_free(both, [front])[in_shadow]
@@ -194,7 +202,6 @@ def test_a_second_sensor_takes_the_shadow_away():
 
 def test_without_a_known_sensor_nothing_is_unknown():
     view = view_of(FLOOR, WALL, CRATE)
-    assert len(unknown_cells(measured(view), [], VOLUME)) == 0
     environment = Environment.from_points(view.points, VOLUME, bounds=BOUNDS)
     assert environment.obstacles is environment.measured
 
@@ -203,7 +210,7 @@ def test_outside_v_only_hidden_space_is_unknown_and_in_v_all_that_is_unseen():
     # A camera that sees nothing but the crate's front: what is beside it, it does not look at.
     view = view_of(CRATE)
     obstacles = measured(view)
-    cells = unknown_cells(obstacles, [view], VOLUME)
+    cells = unknown_cells(obstacles, [view])
     centers = obstacles.origin + (cells + 0.5) * SIZE
     unhidden = np.abs(centers[:, 1]) > 0.25
     assert unhidden.any()
@@ -215,7 +222,7 @@ def test_points_on_the_robot_hide_nothing_outside_v():
     view = view_of(CRATE)
     obstacles = measured(view)
     robot = replace(view, hides=np.zeros(len(view.points), bool))
-    cells = unknown_cells(obstacles, [robot], VOLUME)
+    cells = unknown_cells(obstacles, [robot])
     assert VOLUME.contains(obstacles.origin + (cells + 0.5) * SIZE).all()
 
 
@@ -231,8 +238,8 @@ def test_cells_that_the_robot_reaches_into_are_not_unknown():
         low = obstacles.origin + cells * SIZE
         return np.linalg.norm(center - center.clip(low, low + SIZE), axis=1)
 
-    before = nearest_of(unknown_cells(obstacles, [view], VOLUME))
-    after = nearest_of(unknown_cells(obstacles, [view], VOLUME, outside_ball))
+    before = nearest_of(unknown_cells(obstacles, [view]))
+    after = nearest_of(unknown_cells(obstacles, [view], outside_ball))
     assert before.min() < radius
     assert radius - 1e-9 <= after.min() <= radius + 2 * SIZE
 
@@ -241,8 +248,8 @@ def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked()
     view = view_of(FLOOR, CRATE)
     obstacles = measured(view)
     highest = obstacles.cells[:, 2].max()
-    every = unknown_cells(obstacles, [view], VOLUME)
-    below = unknown_cells(obstacles, [view], VOLUME, below_measured=True)
+    every = unknown_cells(obstacles, [view])
+    below = unknown_cells(obstacles, [view], below_measured=True)
     assert every[:, 2].max() > highest + 2
     assert highest - 1 <= below[:, 2].max() <= highest
     lower = {tuple(cell) for cell in every[every[:, 2] < highest]}
@@ -250,11 +257,14 @@ def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked()
     joined = Environment.from_points(
         view.points, VOLUME, GridSettings(cell_size=SIZE), views=[view], unknown_below=True
     )
-    top = joined.measured.cells[:, 2].max()
-    assert joined.obstacles.cells[:, 2].max() == top
-    nothing = ObstacleSet.from_points(np.zeros((0, 3)), bounds=obstacles.bounds)
-    assert len(unknown_cells(nothing, [view], VOLUME))
-    assert not len(unknown_cells(nothing, [view], VOLUME, below_measured=True))
+    tops = [
+        each.cells[:, 2].max() * SIZE + each.origin[2]
+        for each in (joined.measured, joined.obstacles)
+    ]
+    assert tops[0] == pytest.approx(tops[1])
+    nothing = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
+    assert len(unknown_cells(nothing, [view]))
+    assert not len(unknown_cells(nothing, [view], below_measured=True))
 
 
 @pytest.mark.parametrize("height", [0.0512, 0.0531, 0.0545, 0.0575])
@@ -281,7 +291,7 @@ def test_a_full_cell_stays_below_what_covers_it_in_the_cell_above(height):
 def test_full_cells_join_the_boxes_of_the_set_in_order():
     view = view_of(FLOOR, WALL, CRATE, noise=0.002)
     obstacles = measured(view)
-    cells = unknown_cells(obstacles, [view], VOLUME)
+    cells = unknown_cells(obstacles, [view])
     joined = obstacles.with_full_cells(cells)
     assert len(joined) == len(obstacles) + len(cells)
     order = np.lexsort(joined.cells.T[::-1])
@@ -331,7 +341,8 @@ def careful_problem(case, seed):
             points, robot, q, arms, body, 0.02 + distance
         ),
     )
-    assert [r.z for r in environment.regions] == [r.z for r in problem.environment.regions]
+    heights = [[r.z for r in each.regions] for each in (environment, problem.environment)]
+    assert heights[0] == pytest.approx(heights[1], abs=1e-5)
     careful = replace(problem, environment=environment)
     context = ObjectiveContext(environment, problem.volume, body)
     return problem, careful, make_objective(case.objective, context)
@@ -390,3 +401,18 @@ def test_the_share_of_the_volume_that_was_seen_is_known():
     seen = Environment.from_points(both, volume, views=[View(both, above)]).seen
     assert 0.45 < seen < 0.6
     assert Environment.from_points(both, volume, sights=[View(both, above)]).seen is None
+
+
+def test_unknown_space_that_is_cut_off_far_from_v_cannot_be_entered_from_there():
+    view = view_of(FLOOR, WALL, CRATE)
+    volume = TargetVolume([-0.1, -0.1, 0.0], [0.0, 0.1, 0.05])
+    bounds = BOUNDS[0] - [0.0, 0.0, 0.5], BOUNDS[1] + [0.5, 0.0, 0.0]
+    obstacles = ObstacleSet.from_points(view.points, bounds=bounds)
+    space = SeenSpace.around(obstacles, [view], volume, *bounds)
+    assert space.goes_on.tolist() == [[False, True], [False, False], [True, True]]
+    joined = space.with_unknown(space.unknown())
+    assert joined.bounds[0][2] <= space.origin[2] + 1e-9
+    occupied = joined.index >= 0
+    under = cell_of(joined, (0.2, 0.0, -0.3))  # below the floor, within what is known
+    assert occupied[under[0], under[1], : under[2]].any()
+    assert occupied[under[0] :, under[1], under[2]].any()

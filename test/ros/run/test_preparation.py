@@ -172,6 +172,35 @@ def test_what_was_seen_below_proves_gaps_unless_an_object_stands_there_since(sna
     assert holes(SENSOR, thing + np.array([0.1, 0.0, 0.0])) == len(through)
 
 
+def test_another_object_in_the_same_scene_takes_the_same_environment(snapshot):
+    preparing = preparation()
+    first = preparing.prepare(snapshot, never).environment
+    names = ("wine_glass", "toy_table", "large_crayons_box")
+    for name in names:
+        held = object_by_name(name)
+        body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
+        arms = tuple(yumi_arm(snapshot.robot, arm, grasps) for arm, grasps in held.grasps.items())
+        later = preparing.prepare(replace(snapshot, body=body, arms=arms), never).environment
+        assert later.obstacles is first.obstacles
+        assert later.support is first.support
+        assert later.clearance is first.clearance
+
+
+def test_what_is_unknown_leaves_out_where_the_new_object_is(snapshot):
+    """The scene stays, unknown space is told anew."""
+    parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
+    held = object_by_name("toy_table")
+    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
+    arms = tuple(yumi_arm(snapshot.robot, arm, grasps) for arm, grasps in held.grasps.items())
+    first = replace(snapshot, parameters=parameters)
+    second = replace(first, body=body, arms=arms)
+    preparing = preparation()
+    one = preparing.prepare(first, never).environment
+    other = preparing.prepare(second, never).environment
+    assert other.measured is one.measured
+    assert contents(other) == contents(Surroundings.of(second).environment())
+
+
 def test_points_that_the_robot_now_covers_are_left_out(snapshot):
     moved = snapshot.q_start.copy()
     left = snapshot.arms[0]
@@ -200,16 +229,16 @@ def test_the_robot_matters_where_unknown_space_is_occupied(snapshot):
 
 def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapshot, monkeypatch):
     made, go_on = [], threading.Event()
-    real = Surroundings.environment
+    real = Surroundings.scene
 
     def slow(surroundings):
         made.append(surroundings)
         assert go_on.wait(60.0)
         return real(surroundings)
 
-    monkeypatch.setattr(Surroundings, "environment", slow)
+    monkeypatch.setattr(Surroundings, "scene", slow)
     preparing = preparation()
-    with pytest.raises(StoppedError, match=r"environment|arm"):
+    with pytest.raises(StoppedError, match=r"environment|arm|hand"):
         preparing.prepare(snapshot, lambda: True)
     go_on.set()
     assert preparing.prepare(again(snapshot), never) is not None
@@ -222,7 +251,7 @@ def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch
 
     preparing = preparation()
     with monkeypatch.context() as patch:
-        patch.setattr(Surroundings, "environment", refuse)
+        patch.setattr(Surroundings, "scene", refuse)
         preparing.ahead(snapshot)
         with pytest.raises(CloudError):
             preparing.prepare(snapshot, never)

@@ -1,0 +1,102 @@
+"""Clouds thinned evenly where they are denser than planning needs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+CELL_POINTS = 16
+"""Points that are left of a dense cell: four along each of two directions."""
+DENSE_POINTS = 24
+"""Points up to which a cell is not dense."""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_PRIME_X, _PRIME_Y, _PRIME_Z = 73856093, 19349663, 83492791
+
+
+def thinned(points: Array, cell_size: float) -> npt.NDArray[np.int64]:
+    """Rows, in order, of the (n, 3) points that are kept; those that are not finite are not.
+
+    Of a dense cell as many are left as `CELL_POINTS`, evenly spread over its points in the order in
+    which they come, and of the cells beside it the same share: whether a point is kept has nothing
+    to do with its noise.
+    """
+    slots = 1 << max(math.ceil(math.log2(2 * len(points) + 2)), 4)
+    return np.asarray(_thinned(np.ascontiguousarray(points), cell_size, slots))
+
+
+@kernel(lean=True)
+def _slot_of(
+    points: Array,
+    cell_size: float,
+    first_of: npt.NDArray[np.int64],
+    number_at: npt.NDArray[np.int32],
+    cell: tuple[int, int, int],
+) -> int:
+    """The slot of the hash table that a cell has, or would have."""
+    mask = len(number_at) - 1
+    slot = (cell[0] * _PRIME_X ^ cell[1] * _PRIME_Y ^ cell[2] * _PRIME_Z) & mask
+    while number_at[slot] > 0:
+        q = first_of[number_at[slot] - 1]
+        if (
+            math.floor(points[q, 0] / cell_size) == cell[0]
+            and math.floor(points[q, 1] / cell_size) == cell[1]
+            and math.floor(points[q, 2] / cell_size) == cell[2]
+        ):
+            break
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel(nogil=True)
+def _thinned(points: Array, cell_size: float, slots: int) -> npt.NDArray[np.int64]:
+    """`thinned`; cells are found by a hash table of so many slots, a power of two."""
+    n = len(points)
+    first_of, number_at = np.empty(n, np.int64), np.zeros(slots, np.int32)
+    cell_of, count = np.full(n, np.int32(-1)), np.empty(n, np.int32)
+    cells = 0
+    # which cell each point is of, and how many each has
+    for p in range(n):
+        x, y, z = points[p, 0] / cell_size, points[p, 1] / cell_size, points[p, 2] / cell_size
+        if not math.isfinite(x + y + z):
+            continue
+        cell = math.floor(x), math.floor(y), math.floor(z)
+        slot = _slot_of(points, cell_size, first_of, number_at, cell)
+        if number_at[slot] == 0:
+            first_of[cells], count[cells] = p, 0
+            cells += 1
+            number_at[slot] = cells
+        cell_of[p] = number_at[slot] - 1
+        count[cell_of[p]] += 1
+    # how many the densest of each cell and the six beside it has: points that noise has moved out
+    # of a dense cell stay as seldom as those in it
+    most = count[:cells].copy()
+    for c in range(cells):
+        q = first_of[c]
+        i = math.floor(points[q, 0] / cell_size)
+        j = math.floor(points[q, 1] / cell_size)
+        k = math.floor(points[q, 2] / cell_size)
+        for way in range(6):
+            step = 1 - 2 * (way & 1)
+            beside = i + step * (way < 2), j + step * (2 <= way < 4), k + step * (way >= 4)
+            number = number_at[_slot_of(points, cell_size, first_of, number_at, beside)]
+            if number > 0:
+                most[c] = max(most[c], count[number - 1])
+    # of each dense cell those whose multiple of the golden ratio falls into the share that is kept:
+    # no two neighbours, in a row or in rows one above the other, before most others are
+    rows, passed = np.empty(n, np.int64), np.zeros(cells, np.int32)
+    kept = 0
+    for p in range(n):
+        c = cell_of[p]
+        if c < 0:
+            continue
+        turns = (c + passed[c]) * _GOLDEN
+        passed[c] += 1
+        if most[c] <= DENSE_POINTS or (turns - math.floor(turns)) * most[c] < CELL_POINTS:
+            rows[kept] = p
+            kept += 1
+    return rows[:kept]

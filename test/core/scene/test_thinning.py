@@ -1,0 +1,52 @@
+"""Dense clouds are thinned evenly; what is no denser than planning needs stays."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from placement_planner_ros.core.scene.thinning import CELL_POINTS, DENSE_POINTS, thinned
+
+SIZE = 0.01
+
+
+def lattice(spacing, z=0.004):
+    ticks = np.arange(0.0003, 0.2, spacing)
+    flat = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack([flat, np.full(len(flat), z)])
+
+
+def per_cell(points):
+    return np.unique(np.floor(points / SIZE), axis=0, return_counts=True)[1]
+
+
+def test_clouds_of_usual_density_are_kept_whole_but_for_what_was_not_seen():
+    points = lattice(0.0025)
+    assert per_cell(points).max() <= DENSE_POINTS
+    points[::7] = np.nan
+    seen = np.flatnonzero(np.isfinite(points).all(axis=1))
+    assert thinned(points, SIZE).tolist() == seen.tolist()
+    assert len(thinned(np.zeros((0, 3)), SIZE)) == 0
+
+
+def test_dense_clouds_keep_four_points_a_cell_in_each_direction_evenly():
+    points = lattice(0.0005)
+    rows = thinned(points, SIZE)
+    assert (np.diff(rows) > 0).all()
+    left = points[rows]
+    whole = per_cell(points) >= 380
+    counts = per_cell(left)
+    assert (np.abs(counts[whole] - CELL_POINTS) <= 2).all()
+    apart = cKDTree(left).query(points)[0]
+    assert apart.max() < 0.005
+    assert len(thinned(left, SIZE)) > 0.95 * len(left)
+
+
+def test_whether_a_point_stays_has_nothing_to_do_with_its_noise():
+    """As a camera sees it from afar and aside, row by row: noise moves points along their rays."""
+    rng = np.random.default_rng(0)
+    points = lattice(0.0008)[::-1]
+    points = points + rng.normal(0.0, 0.002, (len(points), 1)) * [0.7, 0.0, 0.7]
+    left = points[thinned(points, SIZE)]
+    assert len(left) < 0.5 * len(points)
+    doubt = points[:, 2].std() / np.sqrt(len(left))
+    assert abs(left[:, 2].mean() - points[:, 2].mean()) < 3.0 * doubt
+    assert abs(left[:, 2].std() / points[:, 2].std() - 1.0) < 0.03
