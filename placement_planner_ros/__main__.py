@@ -89,7 +89,7 @@ def placement_scene() -> Any:
 def placement_view() -> Any:
     """A page in the browser that shows what the node does."""
     if _asks_for_help():
-        return print(import_module(f"{PACKAGE}.view.options").parser().format_help(), end="")
+        return print(import_module(f"{PACKAGE}.view.options").make_parser().format_help(), end="")
     return _start("placement_view", "view.command", VIEW_REMEDY, until_signal=True)
 
 

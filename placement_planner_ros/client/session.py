@@ -155,7 +155,7 @@ class Session:
         else:
             given: dict[str, Value] = {"run": solution.run, "solution": solution.number}
             if pose is not None:
-                given["pose"] = _seven(pose)
+                given["pose"] = _seven_numbers(pose)
             answer = yield from self._command("confirm_placed_with", given)
         return answer.run or 0
 
@@ -266,11 +266,11 @@ class Session:
         if at_once or not started.done():
             self._owe(started)
             started.add_done_callback(self._leave_begun)
-        elif (run := _begun(started)) is not None:
+        elif (run := _begun_run(started)) is not None:
             yield from self._leave(run, at_once=False)
 
     def _leave_begun(self, started: Future) -> None:
-        run = _begun(started)
+        run = _begun_run(started)
         if run is not None:
             for _ in self._leave(run, at_once=True):
                 pass
@@ -369,14 +369,14 @@ class Session:
         )
 
 
-def _begun(started: Future) -> int | None:
+def _begun_run(started: Future) -> int | None:
     """The run that a start has begun, if it has."""
     response = started.result()  # None where it was cancelled
     answer = None if response is None else Answer.of(response)
     return answer.run if answer is not None and answer.success else None
 
 
-def _seven(pose: Pose | Sequence[float]) -> list[float]:
+def _seven_numbers(pose: Pose | Sequence[float]) -> list[float]:
     """x y z qx qy qz qw."""
     if not isinstance(pose, Pose):
         return [float(number) for number in pose]

@@ -116,7 +116,7 @@ class Subscriptions:
         if (manifest := self._parts["solution"].get((run, number))) is None:
             return None
         key, parts = f"{run}/{number}", self._parts
-        pose = parts["placement_pose"].get(_stamp(manifest))
+        pose = parts["placement_pose"].get(_stamp_of(manifest))
         trajectory = parts["trajectory"].get(key)
         retreat = parts["retreat_trajectory"].get(key)
         if pose is None or trajectory is None or retreat is None:
@@ -135,7 +135,7 @@ class Subscriptions:
             if key[1] == 0:  # it withdraws those of the run before
                 return
         else:
-            key = _stamp(message) if topic == "placement_pose" else message.header.frame_id
+            key = _stamp_of(message) if topic == "placement_pose" else message.header.frame_id
         kept = self._parts[topic]
         with self._lock:
             kept[key] = message
@@ -144,5 +144,5 @@ class Subscriptions:
         self._news.tell()
 
 
-def _stamp(message: Any) -> tuple[int, int]:
+def _stamp_of(message: Any) -> tuple[int, int]:
     return message.header.stamp.sec, message.header.stamp.nanosec

@@ -24,13 +24,13 @@ def by_hand(setting: Setting, arguments: Sequence[str]) -> list[str]:
         arguments: the node's.
     """
     return [
-        f"{_typed('placement_scene')} {setting.scene_arguments}",
-        f"{_typed('placement_planner')} --ros-args {shlex.join(arguments)}",
-        f"{_typed('python')} -c {shlex.quote(_ASK)}",
+        f"{_typed_program('placement_scene')} {setting.scene_arguments}",
+        f"{_typed_program('placement_planner')} --ros-args {shlex.join(arguments)}",
+        f"{_typed_program('python')} -c {shlex.quote(_ASK)}",
     ]
 
 
-def _typed(program: str) -> str:
+def _typed_program(program: str) -> str:
     """Its name, or its path where a shell would find another of that name, or none."""
     beside = Path(sys.executable).with_name(program)
     found = shutil.which(program)

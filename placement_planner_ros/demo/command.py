@@ -47,8 +47,8 @@ _INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found and drawn."""
-    options = _options(arguments)
-    signal.signal(signal.SIGTERM, _interrupt)
+    options = _read_options(arguments)
+    signal.signal(signal.SIGTERM, _raise_interrupt)
     line = ProgressLine(pause=5.0)
     try:
         _demonstrate(options, line)
@@ -75,11 +75,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _raise_interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
     parser.add_argument(
         "--scene", choices=SCENE_NAMES, help="table; with --tour cabinet_low_clutter"
@@ -114,8 +114,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = _parser()
+def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = _make_parser()
     options = parser.parse_args(arguments)
     if options.tour and (options.params_file or options.object):
         parser.error("--tour has objects of its own: leave out --params-file and --object")
@@ -140,11 +140,11 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
     arguments = node_arguments(setting.file, own)
     namespace = f"/placement_demo_{os.getpid()}"
-    _begin(namespace)
+    _begin_ros(namespace)
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
     log = options.output / "node.log"
-    carry_through = _tour if options.tour else _single
+    carry_through = _place_several if options.tour else _place_one
     with ExitStack() as running:
         node = running.enter_context(NodeProcess(namespace, arguments, log))
         publishing = running.enter_context(published(setting))
@@ -178,7 +178,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             wait_until_interrupted()
 
 
-def _single(
+def _place_one(
     options: argparse.Namespace,
     setting: Setting,
     planner: PlacementClient,
@@ -191,7 +191,7 @@ def _single(
     return lambda: write_results(options.output, setting, found, options.objective, line)
 
 
-def _tour(
+def _place_several(
     options: argparse.Namespace,
     setting: Setting,
     planner: PlacementClient,
@@ -213,7 +213,7 @@ def _tour(
     return lambda: write_tour(options.output, tour, line)
 
 
-def _begin(namespace: str) -> None:
+def _begin_ros(namespace: str) -> None:
     """Initialise ROS, on this machine only.
 
     Raises:

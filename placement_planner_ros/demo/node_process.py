@@ -24,7 +24,7 @@ _TAIL = 15
 
 def node_arguments(file: Path, parameters: Mapping[str, object]) -> list[str]:
     """The node's arguments, without what only the demonstration needs."""
-    given = [f"{name}:={_plain(value)}" for name, value in parameters.items()]
+    given = [f"{name}:={_plain_value(value)}" for name, value in parameters.items()]
     return ["--params-file", str(file), *(word for each in given for word in ("-p", each))]
 
 
@@ -42,7 +42,7 @@ class NodeProcess:
 
     def __init__(self, namespace: str, arguments: list[str], log: Path) -> None:
         self._log = log
-        command = [*_program(), "--ros-args", "-r", f"__ns:={namespace}", *arguments]
+        command = [*_node_program(), "--ros-args", "-r", f"__ns:={namespace}", *arguments]
         try:
             self._process = start_process(command, log)
         except OSError as error:
@@ -61,7 +61,8 @@ class NodeProcess:
         if code is None:
             return
         raise DemoError(
-            f"the node ended {_end(code)}; its log ends:\n{self.tail()}", _remedy(code, self._log)
+            f"the node ended {_end_words(code)}; its log ends:\n{self.tail()}",
+            _end_remedy(code, self._log),
         )
 
     def tail(self) -> str:
@@ -101,18 +102,18 @@ def end_process(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _program() -> list[str]:
+def _node_program() -> list[str]:
     beside = Path(sys.executable).parent
     path = f"{beside}{os.pathsep}{os.environ.get('PATH', '')}"
     installed = shutil.which("placement_planner", path=path)
     return [installed] if installed else [sys.executable, "-m", "placement_planner_ros.ros.node"]
 
 
-def _plain(value: object) -> str:
+def _plain_value(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _end(code: int) -> str:
+def _end_words(code: int) -> str:
     if code >= 0:
         return f"with code {code}"
     with contextlib.suppress(ValueError):
@@ -120,7 +121,7 @@ def _end(code: int) -> str:
     return f"by signal {-code}"
 
 
-def _remedy(code: int, log: Path) -> str:
+def _end_remedy(code: int, log: Path) -> str:
     if code == -signal.SIGKILL:
         return "something killed it, mostly for want of memory; end other programs and try again"
     return f"read all of {log}; docs/troubleshooting.md is keyed by its messages"

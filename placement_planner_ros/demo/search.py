@@ -73,7 +73,7 @@ def wait_until_ready(
             return
 
 
-def _tried(planner: PlacementClient) -> str:
+def _tried_words(planner: PlacementClient) -> str:
     """How many poses were tried so far, in words; '' where that is not known."""
     samples = 0 if planner.status is None else int(planner.status.values.get("samples", 0))
     return f"; {samples:,} poses tried so far" if samples else ""
@@ -98,22 +98,22 @@ def search(
     began, found = time.monotonic(), Found()
     first: float | None = None
     try:
-        while not _ended(planner, run):
+        while not _run_ended(planner, run):
             now = time.monotonic()
-            for solution in _news(planner, run, found):
+            for solution in _new_solutions(planner, run, found):
                 if first is None:
                     first, came = now, f"{solution.search_time:.2f} s after the start"
                     line.say(f"the first placement came {came}")
                     line.say(f"searching for a better one for {seconds:g} s more")
-                _take(found, solution, line)
+                _take_solution(found, solution, line)
             if now > (began + FIRST_WITHIN if first is None else first + seconds):
                 break
             shown = (
-                f"{now - began:4.0f} s  searching{_tried(planner)}"
+                f"{now - began:4.0f} s  searching{_tried_words(planner)}"
                 if first is None
                 else (
                     f"{now - first:4.0f} of {seconds:g} s  searching; "
-                    f"{_placements(len(found.improvements))} so far"
+                    f"{_placement_count(len(found.improvements))} so far"
                 )
             )
             line.show(f"  {shown}")
@@ -128,22 +128,22 @@ def search(
             f"no placement was found in {time.monotonic() - began:.0f} s: {error}",
             f"the message says what stood in the way; {PAGE}",
         ) from error
-    for solution in [*_news(planner, run, found), best]:
-        _take(found, solution, line)
+    for solution in [*_new_solutions(planner, run, found), best]:
+        _take_solution(found, solution, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")
     return Found(found.improvements, time.monotonic() - began)
 
 
-def _placements(number: int) -> str:
+def _placement_count(number: int) -> str:
     return "1 placement" if number == 1 else f"{number} placements"
 
 
-def _ended(planner: PlacementClient, run: int) -> bool:
+def _run_ended(planner: PlacementClient, run: int) -> bool:
     status = planner.status
     return status is not None and status.run == run and status.ended
 
 
-def _news(planner: PlacementClient, run: int, found: Found) -> list[Solution]:
+def _new_solutions(planner: PlacementClient, run: int, found: Found) -> list[Solution]:
     """Solutions that are not in `found`, in order: several may come between two looks."""
     newest = planner.improvement(run)
     if newest is None:
@@ -153,7 +153,7 @@ def _news(planner: PlacementClient, run: int, found: Found) -> list[Solution]:
     return [*(each for each in between if each is not None), newest]
 
 
-def _take(found: Found, solution: Solution, line: ProgressLine) -> None:
+def _take_solution(found: Found, solution: Solution, line: ProgressLine) -> None:
     """Keep and print a solution that is news."""
     if found.improvements and found.improvements[-1].number >= solution.number:
         return

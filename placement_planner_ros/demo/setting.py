@@ -76,7 +76,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     anywhere in the paper's V.
     """
     held, robot, scene = object_by_name(object_name), load_yumi(), scene_by_name(scene_name)
-    parameters = _told(scene)
+    parameters = _told_parameters(scene)
     corners = np.array(parameters["target_volume"])
     scene = replace(scene, volume=TargetVolume(corners[:3], corners[3:]))
 
@@ -99,7 +99,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     )
 
 
-def _told(scene: Scene) -> dict[str, object]:
+def _told_parameters(scene: Scene) -> dict[str, object]:
     """What the node is told of a bundled scene."""
     told: dict[str, object] = {"support_region": "largest"}  # not on top of other things
     if scene.name == "table":
@@ -121,7 +121,7 @@ def of_file(file: Path, scene_name: str) -> Setting:
     scene: Scene | None = None
     if "robot_description" not in given.names and not findings.faults:
         scene = scene_by_name(scene_name)
-        told = _told(scene)
+        told = _told_parameters(scene)
         parameters = {name: told[name] for name in told if name not in given.names}
         given = read_given(file, parameters, findings)
         start = {**START_CONFIGURATION, **(start or {})}

@@ -40,8 +40,15 @@ def draw_tour(
     table = figure.add_axes((0.03, _FOOT / height, 0.94, below - _FOOT / height))
     table.set_axis_off()
     colours = [COLOURS[number % len(COLOURS)] for number in range(len(rows))]
+    wide = [2.0, *[1.0] * (len(columns) - 1)]  # the first column holds names
     cells = table.table(
-        rows, colLabels=columns, rowLabels=[" "] * len(rows), rowColours=colours, bbox=Bbox.unit()
+        rows,
+        colLabels=columns,
+        colWidths=[each / sum(wide) for each in wide],
+        cellLoc="center",
+        rowLabels=[" "] * len(rows),
+        rowColours=colours,
+        bbox=Bbox.unit(),
     )
     cells.auto_set_font_size(False)
     cells.set_fontsize(11)

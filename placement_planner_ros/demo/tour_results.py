@@ -34,7 +34,7 @@ def table_rows(stops: Sequence[Stop]) -> list[tuple[str, ...]]:
             f"{stop.solution.arm} hand",
             f"{stop.found.improvements[0].search_time:.2f}",
             f"{stop.solution.search_time:.2f}",
-            _reached(stop),
+            _reached_words(stop),
             f"{1000.0 * stop.outcome.off:.2f}",
             f"{1000.0 * stop.outcome.moved:.2f}",
             f"{np.rad2deg(stop.outcome.tilted):.2f}",
@@ -43,7 +43,7 @@ def table_rows(stops: Sequence[Stop]) -> list[tuple[str, ...]]:
     ]
 
 
-def _reached(stop: Stop) -> str:
+def _reached_words(stop: Stop) -> str:
     if stop.outcome.reached:
         return "yes"
     struck = ", ".join(f"{one} on {other}" for one, other in stop.outcome.struck)

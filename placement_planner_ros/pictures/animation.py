@@ -69,7 +69,7 @@ def draw_animation(
     moments = [
         (number, look)
         for number, leg in enumerate(legs)
-        for look in _spread(leg.looks, duration / (count - 1))
+        for look in _spread_looks(leg.looks, duration / (count - 1))
     ]
     moments.append((len(legs) - 1, legs[-1].looks[-1]))
     frames = []
@@ -81,7 +81,7 @@ def draw_animation(
     write_animation(path, frames, COLOURS[: len(legs)])
 
 
-def _spread(looks: Sequence[Look], step: float) -> list[Look]:
+def _spread_looks(looks: Sequence[Look], step: float) -> list[Look]:
     """Those nearest to moments so many seconds apart."""
     times = np.array([look.time for look in looks])
     return [looks[int(np.abs(times - time).argmin())] for time in np.arange(0.0, times[-1], step)]
@@ -103,12 +103,12 @@ def titled_frame(image: Image, line: str) -> Picture.Image:
     shown = Picture.fromarray((averaged(image.colours) * 255.0).round().astype(np.uint8))
     frame = Picture.new("RGB", (shown.width, shown.height + TITLE), "white")
     frame.paste(shown, (0, TITLE))
-    ImageDraw.Draw(frame).text((8, 4), line, fill="black", font=_font())
+    ImageDraw.Draw(frame).text((8, 4), line, fill="black", font=_title_font())
     return frame
 
 
 @cache
-def _font() -> ImageFont.FreeTypeFont:
+def _title_font() -> ImageFont.FreeTypeFont:
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), 15)
 

@@ -128,13 +128,13 @@ def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
     if isinstance(shape, coal.ConvexBase):
         vertices = np.array(shape.points())
         return vertices, ConvexHull(vertices).simplices.astype(np.int64)
-    primitive = _primitive(shape)
+    primitive = _primitive_mesh(shape)
     if primitive is not None:
         return np.array(primitive.vertices), np.array(primitive.faces, dtype=np.int64)
     raise TypeError(f"cannot draw a {type(shape).__name__}")
 
 
-def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
+def _primitive_mesh(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     if isinstance(shape, coal.Box):
         return trimesh.creation.box(2.0 * shape.halfSide)
     if isinstance(shape, coal.Sphere):
@@ -189,13 +189,13 @@ def _draw_box(axes: Axes, view: Viewpoint, image: Image, corners: Array) -> None
                 ends = corners[[i, i | 1 << axis]]
                 steps = np.linspace(0, 1, 200)[:, None]
                 line = view.project(ends[0] + steps * (ends[1] - ends[0]))
-                seen = _seen(image, line)
+                seen = _seen_points(image, line)
                 for mask, style, thick, alpha in ((seen, "-", 1.4, 1.0), (~seen, ":", 1.0, 0.6)):
                     u, v = np.where(mask[:, None], line[:, :2], np.nan).T
                     axes.plot(u, v, style, color=VOLUME, linewidth=thick, alpha=alpha)
 
 
-def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
+def _seen_points(image: Image, line: Array) -> npt.NDArray[np.bool_]:
     height, width = image.depth.shape
     u = np.clip(line[:, 0].astype(int), 0, width - 1)
     v = np.clip(line[:, 1].astype(int), 0, height - 1)

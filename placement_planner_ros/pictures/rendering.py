@@ -130,12 +130,12 @@ def render(view: Viewpoint, meshes: Sequence[Mesh], behind: Image | None = None)
         colours, depth = behind.colours.copy(), behind.depth.copy()
     for mesh in meshes:
         if mesh.alpha >= 1.0:
-            _draw(view, mesh, colours, depth)
+            _draw_mesh(view, mesh, colours, depth)
     layers = []
     for mesh in meshes:
         if mesh.alpha < 1.0:
             layer, layer_depth = np.empty_like(colours), depth.copy()
-            _draw(view, mesh, layer, layer_depth)
+            _draw_mesh(view, mesh, layer, layer_depth)
             rows = layer_depth < depth
             if rows.any():
                 layers.append((float(layer_depth[rows].mean()), mesh.alpha, rows, layer[rows]))
@@ -144,7 +144,7 @@ def render(view: Viewpoint, meshes: Sequence[Mesh], behind: Image | None = None)
     return Image(colours, depth)
 
 
-def _draw(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
+def _draw_mesh(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
@@ -152,7 +152,7 @@ def _draw(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
     away = np.einsum("ij,ij->i", normals, a - view.eye) > 0
     normals[away] *= -1  # either side may be seen
     shade = _AMBIENT + (1 - _AMBIENT) * np.clip(normals @ _LIGHT, 0, 1)
-    _fill(
+    _fill_triangles(
         np.ascontiguousarray(view.project(mesh.vertices)),
         np.ascontiguousarray(mesh.triangles, dtype=np.int64),
         np.outer(shade, mesh.colour),
@@ -162,7 +162,7 @@ def _draw(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
 
 
 @kernel()
-def _fill(
+def _fill_triangles(
     projected: Array,
     triangles: npt.NDArray[np.int64],
     shades: Array,

@@ -87,27 +87,30 @@ def draw_robot(
     links = robot_meshes(robot, q, hand)
     poses = [robot.link_pose(q, arm.tip_frame) for arm in arms]
     held = [
-        Mesh(moved(body.vertices, T * arm.grasps[0]), _hull(body.vertices), PLACED)
+        Mesh(moved(body.vertices, T * arm.grasps[0]), _hull_triangles(body.vertices), PLACED)
         for arm, T in zip(arms, poses, strict=True)
         if body is not None and arm.grasps
     ]
     corners = box_corners(volume.lower, volume.upper)
     shown = np.vstack([mesh.vertices for mesh in links + held] + [corners])
     axes = panel(grid[0, :2], f"{robot.name} at the start, first grasp of each arm")
-    _show(axes, shown, links + held, poses, volume)
+    _show_view(axes, shown, links + held, poses, volume)
 
-    parts, count = _cover(robot, q)
+    parts, count = _cover_meshes(robot, q)
     covered = f"{count} convex parts over the meshes" if count else "no mesh needs convex parts"
     axes = panel(grid[0, 2:], covered)
     robots = np.vstack([mesh.vertices for mesh in links]) if links else corners
-    _show(axes, robots, links + parts, [], None)
+    _show_view(axes, robots, links + parts, [], None)
 
     for k, (arm, number) in enumerate(grasps):
         assert body is not None
         opened = robot.with_open_hand(q, arm) if arm.gripper_joints else q
         T_tip = robot.link_pose(opened, arm.tip_frame)
         thing = Mesh(
-            moved(body.vertices, T_tip * arm.grasps[number]), _hull(body.vertices), PLACED, 0.75
+            moved(body.vertices, T_tip * arm.grasps[number]),
+            _hull_triangles(body.vertices),
+            PLACED,
+            0.75,
         )
         of_hand = [
             mesh
@@ -120,12 +123,12 @@ def draw_robot(
         state = "open hand" if arm.gripper_joints else "hand"
         axes = panel(place, f"{arm.name}, grasp {number}, {state}")
         near = np.vstack([mesh.vertices for mesh in [*of_hand, thing]] + [T_tip.translation[None]])
-        _show(axes, near, [*of_hand, thing], [T_tip], None)
-    _legend(figure, bool(held), count > 0)
+        _show_view(axes, near, [*of_hand, thing], [T_tip], None)
+    _add_legend(figure, bool(held), count > 0)
     figure.savefig(path)
 
 
-def _show(
+def _show_view(
     axes: Axes,
     points: Array,
     meshes: Sequence[Mesh],
@@ -149,7 +152,7 @@ def _show(
     axes.set_ylim(height, 0)
 
 
-def _hull(vertices: Array) -> npt.NDArray[np.int64]:
+def _hull_triangles(vertices: Array) -> npt.NDArray[np.int64]:
     try:
         hull = ConvexHull(vertices)
     except QhullError:  # flat
@@ -157,7 +160,7 @@ def _hull(vertices: Array) -> npt.NDArray[np.int64]:
     return np.asarray(hull.simplices, dtype=np.int64)
 
 
-def _cover(robot: Robot, q: Array) -> tuple[list[Mesh], int]:
+def _cover_meshes(robot: Robot, q: Array) -> tuple[list[Mesh], int]:
     """The parts of all covers at q (nq,), those of one colour as one mesh, and how many."""
     parts = [
         moved(part, T)
@@ -165,11 +168,14 @@ def _cover(robot: Robot, q: Array) -> tuple[list[Mesh], int]:
         if cover is not None
         for part in cover.parts
     ]
-    meshes = [Mesh(part, _hull(part), _COVER[k % len(_COVER)], 0.4) for k, part in enumerate(parts)]
+    meshes = [
+        Mesh(part, _hull_triangles(part), _COVER[k % len(_COVER)], 0.4)
+        for k, part in enumerate(parts)
+    ]
     return joined(meshes), len(parts)
 
 
-def _legend(figure: Figure, held: bool, covered: bool) -> None:
+def _add_legend(figure: Figure, held: bool, covered: bool) -> None:
     entries: list[Patch | Line2D] = [
         Line2D([], [], color=colour, linewidth=2.2, label=f"{name} of a tip, 10 cm")
         for name, colour in zip("xyz", _AXES, strict=True)

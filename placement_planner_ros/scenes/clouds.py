@@ -45,7 +45,7 @@ def complete_cloud(
         raise ParameterError("spacing", spacing, "give a positive distance in metres")
     kept = []
     for part in scene.parts:
-        others = [other for other in scene.parts if other is not part and _near(part, other)]
+        others = [other for other in scene.parts if other is not part and _are_near(part, other)]
         for face in range(len(part.normals)):
             points = _polygon_points(part.polygon(face), part.normals[face], spacing)
             if bounds is not None:
@@ -60,7 +60,7 @@ def complete_cloud(
     return np.asarray(cloud[np.sort(first)])
 
 
-def _near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
+def _are_near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
     gap = np.maximum(
         a.vertices.min(axis=0) - b.vertices.max(axis=0),
         b.vertices.min(axis=0) - a.vertices.max(axis=0),
@@ -68,7 +68,7 @@ def _near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
     return bool(gap.max() <= 2 * _OUTWARD)
 
 
-def _intervals(length: float, spacing: float) -> int:
+def _interval_count(length: float, spacing: float) -> int:
     """Least number of equal steps no longer than `spacing`."""
     return int(np.ceil(length / spacing - 1e-9))
 
@@ -82,7 +82,8 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     flat = (corners - corners[0]) @ axes
     low, high = flat.min(axis=0), flat.max(axis=0)
     ticks = [
-        np.linspace(low[i], high[i], _intervals(high[i] - low[i], spacing) + 1) for i in range(2)
+        np.linspace(low[i], high[i], _interval_count(high[i] - low[i], spacing) + 1)
+        for i in range(2)
     ]
     lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     edges = np.roll(flat, -1, axis=0) - flat
@@ -90,7 +91,7 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
     inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
     rim = [
-        a + np.linspace(0, 1, _intervals(length, spacing) + 1)[:-1, None] * (b - a)
+        a + np.linspace(0, 1, _interval_count(length, spacing) + 1)[:-1, None] * (b - a)
         for a, b, length in zip(corners, following, lengths, strict=True)
     ]
     return np.vstack([*rim, corners[0] + inner @ axes.T])
@@ -197,10 +198,10 @@ def camera_clouds(
     noise = CameraNoise() if noise is None else noise
     cameras = scene_cameras(scene) if cameras is None else cameras
     parts = [*scene.parts, *extra]
-    return tuple(_render(camera, parts, noise, rng) for camera in cameras)
+    return tuple(_camera_cloud(camera, parts, noise, rng) for camera in cameras)
 
 
-def _render(
+def _camera_cloud(
     camera: DepthCamera,
     parts: Sequence[ConvexPrimitive],
     noise: CameraNoise,
@@ -226,7 +227,7 @@ def _render(
         high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
         windows[row] = low[0], high[0], low[1], high[1]
     depth = np.full((camera.height, camera.width), np.inf)
-    _cast(np.vstack(normals), np.concatenate(offsets), first, windows, f, cx, cy, depth)
+    _cast_rays(np.vstack(normals), np.concatenate(offsets), first, windows, f, cx, cy, depth)
 
     seen_depth = _with_flying_pixels(depth, noise, rng)
     seen_depth[~np.isfinite(seen_depth)] = np.nan
@@ -256,7 +257,7 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
 
 
 @kernel()
-def _cast(
+def _cast_rays(
     normals: Array,
     offsets: Array,
     first: npt.NDArray[np.int64],

@@ -37,13 +37,13 @@ Level = tuple[float, float, float, float]
 def mug() -> GraspedObject:
     """80 mm wide, 95 mm high, held by its handle from the side."""
     wall: list[Level] = [(0.006, 0.040, 0.006, 0.036), (0.095, 0.040, 0.095, 0.036)]
-    cup = _vessel("mug", 0.036, wall)
+    cup = _round_vessel("mug", 0.036, wall)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
     path = np.column_stack(
         [0.038 + 0.032 * np.cos(angle), np.zeros(13), 0.048 + 0.030 * np.sin(angle)]
     )
     vertices, triangles = tube(path, np.full(13, 0.005), 12)
-    parts = [*cup[2], *_lengths("mug/handle", vertices, 12)]
+    parts = [*cup[2], *_tube_lengths("mug/handle", vertices, 12)]
     grasps = [
         grasp((0, 1, 0), (-np.cos(slope), 0, np.sin(slope)), (0.070, 0, 0.048), STEM)
         for slope in np.deg2rad((0, -30, 30))
@@ -58,7 +58,7 @@ def bowl() -> GraspedObject:
         (0.032, 0.057, 0.034, 0.053),
         (0.060, 0.060, 0.060, 0.056),
     ]
-    made = _vessel("bowl", 0.032, wall)
+    made = _round_vessel("bowl", 0.032, wall)
     grasps = [
         grasp((1, 0, 0), (0, np.sin(slope), -np.cos(slope)), (0.0558, 0, 0.060), _RIM)
         for slope in np.deg2rad((0, 15, -15))
@@ -79,8 +79,8 @@ def bin_() -> GraspedObject:
 def drill() -> GraspedObject:
     """A motor with a chuck on a handle on a battery, 150 mm high, held by the handle."""
     parts = [
-        _lying("drill/motor", 0.022, -0.045, 0.045, 0.128),
-        _lying("drill/chuck", 0.012, 0.040, 0.080, 0.128),
+        _lying_cylinder("drill/motor", 0.022, -0.045, 0.045, 0.128),
+        _lying_cylinder("drill/chuck", 0.012, 0.040, 0.080, 0.128),
         box("drill/handle", (-0.040, -0.014, 0.020), (-0.012, 0.014, 0.115), _BLUE),
         box("drill/battery", (-0.050, -0.028, 0.000), (0.015, 0.028, 0.030), _BLUE),
     ]
@@ -102,7 +102,7 @@ def banana() -> GraspedObject:
         for side in (-1, 1)
         for slope in np.deg2rad((0, 30))
     ]
-    parts = _lengths("banana", vertices, 16)
+    parts = _tube_lengths("banana", vertices, 16)
     return assemble("banana", [(vertices, triangles)], parts, grasps, 0.0194)
 
 
@@ -131,7 +131,7 @@ def _of_boxes(name: str, size: Sequence[float], wall: float = 0.004) -> GraspedO
     return assemble(name, [surface], parts, grasps, middle)
 
 
-def _vessel(
+def _round_vessel(
     name: str, foot: float, wall: Sequence[Level]
 ) -> tuple[Array, Triangles, list[ConvexPrimitive]]:
     """A round floor of radius `foot` below, and a wall about z from the floor's top to its rim."""
@@ -148,7 +148,7 @@ def _vessel(
     return *turned(rings, _SIDES), parts
 
 
-def _lengths(name: str, vertices: Array, sides: int) -> list[ConvexPrimitive]:
+def _tube_lengths(name: str, vertices: Array, sides: int) -> list[ConvexPrimitive]:
     """Of a tube: the hulls of rings that follow each other."""
     rings = vertices[:-2].reshape(-1, sides, 3)
     return [
@@ -157,7 +157,9 @@ def _lengths(name: str, vertices: Array, sides: int) -> list[ConvexPrimitive]:
     ]
 
 
-def _lying(name: str, radius: float, begin: float, end: float, height: float) -> ConvexPrimitive:
+def _lying_cylinder(
+    name: str, radius: float, begin: float, end: float, height: float
+) -> ConvexPrimitive:
     """A cylinder along x."""
     solid = frustum(name, radius, radius, begin, end, _BLUE, sides=_SIDES)
     points = solid.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.0, 0.0, height]

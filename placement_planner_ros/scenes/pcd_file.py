@@ -20,7 +20,7 @@ def read_pcd(path: Path) -> Array:
         ParameterError: it is no PCD file, or lacks coordinates or data.
     """
     content = path.read_bytes()
-    header, data = _header(path, content)
+    header, data = _read_header(path, content)
     names = header["FIELDS"]
     if not set(_COORDINATES) <= set(names):
         raise ParameterError("cloud", str(path), f"has the fields {names}: x, y and z are needed")
@@ -50,7 +50,7 @@ def read_pcd(path: Path) -> Array:
     elif how == "binary_compressed":
         packed, whole = np.frombuffer(data[:8], "<u4").tolist()
         try:
-            data = _unpacked(data[8 : 8 + packed], whole)
+            data = _lzf_unpacked(data[8 : 8 + packed], whole)
         except (IndexError, ValueError) as error:
             raise ParameterError("cloud", str(path), f"its data are damaged: {error}") from error
         _require_whole(path, len(data), number * record.itemsize)
@@ -69,7 +69,7 @@ def _require_whole(path: Path, found: int, needed: int) -> None:
         raise ParameterError("cloud", str(path), "its data end too early")
 
 
-def _header(path: Path, content: bytes) -> tuple[Mapping[str, list[str]], bytes]:
+def _read_header(path: Path, content: bytes) -> tuple[Mapping[str, list[str]], bytes]:
     """Its lines by their first words, and what follows them."""
     found: dict[str, list[str]] = {}
     at = 0
@@ -86,7 +86,7 @@ def _header(path: Path, content: bytes) -> tuple[Mapping[str, list[str]], bytes]
     return found, content[at:]
 
 
-def _unpacked(packed: bytes, size: int) -> bytes:
+def _lzf_unpacked(packed: bytes, size: int) -> bytes:
     """LZF: runs of bytes as they are, and repeats of what came up to 8 kB before."""
     out = bytearray()
     at = 0

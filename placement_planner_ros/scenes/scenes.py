@@ -53,11 +53,11 @@ class Scene:
         return tuple(dict.fromkeys(part.thing for part in self.parts))
 
 
-def _volume(*corners: float) -> TargetVolume:
+def _target_volume(*corners: float) -> TargetVolume:
     return TargetVolume(np.array(corners[:3]), np.array(corners[3:]))
 
 
-def _cabinet() -> tuple[ConvexPrimitive, ...]:
+def _cabinet_parts() -> tuple[ConvexPrimitive, ...]:
     left, right = -0.489, 0.412  # y range; open towards −x
     return (
         box("drawers", (0.366, left, -0.560), (0.810, right, 0.176), _WOOD),
@@ -84,62 +84,62 @@ _BOXES: dict[str, tuple[tuple[float, float, float], Colour]] = {
 """Length, width and height in metres."""
 
 
-def _standing(name: str, x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
+def _standing_box(name: str, x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
     size, colour = _BOXES[name]
     return standing_box(name, size, (x, y), np.deg2rad(degrees), z, colour)
 
 
-def _round(
+def _round_thing(
     name: str, diameter: float, height: float, x: float, y: float, z: float, colour: Colour
 ) -> ConvexPrimitive:
     return frustum(name, diameter / 2, diameter / 2, z, z + height, colour, (x, y))
 
 
-CABINET_VOLUME = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
+CABINET_VOLUME = _target_volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
 """Target volume in both cabinets."""
 
 
 def _cabinet_low_clutter() -> Scene:
     clutter = (
-        _standing("bar", 0.588, -0.369, 3, _DECK),
-        _standing("tin", 0.560, 0.223, -1, _LOWER_SHELF),
-        _round("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
+        _standing_box("bar", 0.588, -0.369, 3, _DECK),
+        _standing_box("tin", 0.560, 0.223, -1, _LOWER_SHELF),
+        _round_thing("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
     )
-    return Scene("cabinet_low_clutter", CABINET_VOLUME, _cabinet() + clutter)
+    return Scene("cabinet_low_clutter", CABINET_VOLUME, _cabinet_parts() + clutter)
 
 
 def _cabinet_high_clutter() -> Scene:
     clutter = (
-        _standing("box", 0.630, -0.332, -1, _DECK),
+        _standing_box("box", 0.630, -0.332, -1, _DECK),
         *bowl("bowl", 0.160, 0.055, (0.677, -0.078), _DECK, _BOWL),
-        _standing("flat_bottle", 0.499, -0.162, 170, _DECK),
-        _round("can", 0.068, 0.102, 0.454, 0.269, _DECK, _CAN),
-        _round("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
-        _standing("bar", 0.488, 0.023, 134, _DECK),
+        _standing_box("flat_bottle", 0.499, -0.162, 170, _DECK),
+        _round_thing("can", 0.068, 0.102, 0.454, 0.269, _DECK, _CAN),
+        _round_thing("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
+        _standing_box("bar", 0.488, 0.023, 134, _DECK),
     )
-    return Scene("cabinet_high_clutter", CABINET_VOLUME, _cabinet() + clutter)
+    return Scene("cabinet_high_clutter", CABINET_VOLUME, _cabinet_parts() + clutter)
 
 
-def _table() -> Scene:
+def _table_scene() -> Scene:
     parts = (
         box("table", (0.139, -0.426, -0.500), (0.695, 0.474, 0.0), _WOOD),
         standing_box("bar", (0.202, 0.036, 0.034), (0.321, -0.330), np.deg2rad(2), _TABLE, _BAR),
-        _standing("tin", 0.467, 0.223, -1, _TABLE),
-        _round("bottle", 0.068, 0.227, 0.507, -0.167, _TABLE, _BOTTLE),
-        _standing("box", 0.300, -0.082, 142, _TABLE),
+        _standing_box("tin", 0.467, 0.223, -1, _TABLE),
+        _round_thing("bottle", 0.068, 0.227, 0.507, -0.167, _TABLE, _BOTTLE),
+        _standing_box("box", 0.300, -0.082, 142, _TABLE),
         *bowl("bowl", 0.160, 0.055, (0.475, 0.072), _TABLE, _BOWL),
-        _standing("flat_bottle", 0.591, -0.305, 170, _TABLE),
-        _round("can", 0.068, 0.102, 0.440, 0.343, _TABLE, _CAN),
-        _round("low_can", 0.085, 0.034, 0.599, 0.272, _TABLE, _CAN),
-        _standing("small_box", 0.267, 0.252, 102, _TABLE),
+        _standing_box("flat_bottle", 0.591, -0.305, 170, _TABLE),
+        _round_thing("can", 0.068, 0.102, 0.440, 0.343, _TABLE, _CAN),
+        _round_thing("low_can", 0.085, 0.034, 0.599, 0.272, _TABLE, _CAN),
+        _standing_box("small_box", 0.267, 0.252, 102, _TABLE),
     )
-    return Scene("table", _volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
+    return Scene("table", _target_volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
 
 
 _SCENES: dict[str, Callable[[], Scene]] = {
     "cabinet_low_clutter": _cabinet_low_clutter,
     "cabinet_high_clutter": _cabinet_high_clutter,
-    "table": _table,
+    "table": _table_scene,
 }
 
 SCENE_NAMES: tuple[str, ...] = tuple(_SCENES)
@@ -153,9 +153,9 @@ def scene_by_name(name: str) -> Scene:
     """
     if name not in _SCENES:
         raise ParameterError("scene", name, f"choose one of {', '.join(SCENE_NAMES)}")
-    return _built(name)
+    return _built_scene(name)
 
 
 @functools.cache
-def _built(name: str) -> Scene:
+def _built_scene(name: str) -> Scene:
     return _SCENES[name]()

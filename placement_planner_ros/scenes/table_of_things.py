@@ -46,11 +46,11 @@ def table_of_things(volume: TargetVolume) -> Scene:
     things = []
     for name, along, across, degrees in _THINGS:
         at = lower[:2] + np.array([along, across]) * (upper - lower)[:2]
-        things.append(_thing(name, (float(at[0]), float(at[1])), np.deg2rad(degrees), top))
+        things.append(_standing_thing(name, (float(at[0]), float(at[1])), np.deg2rad(degrees), top))
     return Scene("table_of_things", volume, (box("table", *corners, _WOOD), *things))
 
 
-def _thing(name: str, at: tuple[float, float], yaw: float, z: float) -> ConvexPrimitive:
+def _standing_thing(name: str, at: tuple[float, float], yaw: float, z: float) -> ConvexPrimitive:
     if name in _BOXES:
         return standing_box(name, _BOXES[name], at, yaw, z, _BOX)
     radius, height = _CANS[name]

@@ -30,7 +30,7 @@ GRIPPER_HOLDING = 0.02
 _ARM_JOINTS = (1, 2, 7, 3, 4, 5, 6)
 
 
-def _configuration(left: Iterable[float], right: Iterable[float]) -> Mapping[str, float]:
+def _joint_values(left: Iterable[float], right: Iterable[float]) -> Mapping[str, float]:
     values = {"gripper_l_joint": GRIPPER_HOLDING, "gripper_r_joint": GRIPPER_HOLDING}
     for side, angles in (("l", left), ("r", right)):
         values |= {
@@ -40,13 +40,13 @@ def _configuration(left: Iterable[float], right: Iterable[float]) -> Mapping[str
     return MappingProxyType(values)
 
 
-HOME = _configuration(
+HOME = _joint_values(
     left=(0.0, -2.268928, 2.356194, 0.523599, 0.0, 0.698132, 0.0),
     right=(0.0, -2.268928, -2.356194, 0.523599, 0.0, 0.698132, 0.0),
 )
 """ABB's home position: 0, -130, ±135, 30, 0, 40, 0 degrees. Joint name -> rad or m."""
 
-START_CONFIGURATION = _configuration(
+START_CONFIGURATION = _joint_values(
     left=(-0.93, -1.55, 0.0, 0.0, 0.0, 0.0, 0.0),
     right=(0.69, -1.95, 0.0, 0.0, 0.0, 0.0, 0.0),
 )

@@ -65,11 +65,11 @@ def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> FirstV
     distance = max(1.3 * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
     tree = cKDTree(hiders) if len(hiders) else None
     front = np.arctan2(*(middle - base)[1::-1])
-    usual = _direction(front + _ASIDE, _USUAL)
+    usual = _unit_direction(front + _ASIDE, _USUAL)
     views = []
     for elevation in _ELEVATIONS:
         for azimuth in _AZIMUTHS:
-            direction, hidden = _direction(azimuth, elevation), 0.0
+            direction, hidden = _unit_direction(azimuth, elevation), 0.0
             eye = middle + distance * direction
             if tree is not None:
                 lines = matter + np.linspace(0.06, 0.9, 28)[:, None, None] * (eye - matter)
@@ -80,7 +80,7 @@ def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> FirstV
     return min(views, key=lambda view: view[0])[1]
 
 
-def _direction(azimuth: float, elevation: float) -> Array:
+def _unit_direction(azimuth: float, elevation: float) -> Array:
     """(3,) towards an eye there, angles in rad."""
     flat = np.cos(elevation)
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])

@@ -1,12 +1,16 @@
-"""Charts as HTML: the objective over time, what each constraint rejects, the legend."""
+"""Charts: the objective over time, what each constraint rejects, the legend."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from html import escape
-from itertools import pairwise
+from typing import Any
 
+import numpy as np
+import viser
+from viser import uplot
+
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.view.colours import (
     EARLIER,
     HELD,
@@ -15,81 +19,56 @@ from placement_planner_ros.view.colours import (
     STANDING,
     START,
     VOLUME,
-    css,
+    css_colour,
     scale_css,
 )
 from placement_planner_ros.view.words import CONSTRAINTS
 
-_WIDTH, _HEIGHT = 320, 130
-_LEFT, _RIGHT, _TOP, _BOTTOM = 46, 12, 18, 28
-_TEXT = "font-family:sans-serif;font-size:11px"
 _BOX = "padding:2px 14px;font-size:12px;color:#222"
 
 
-def objective_over_time(steps: Sequence[tuple[float, float]], end: float, chosen: int) -> str:
-    """The best objective over time as steps, an SVG.
+class ObjectiveCurve:
+    """ξ of the best placement over time as steps, and ξ of the placement that is shown."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        best = uplot.Series(stroke=css_colour(EARLIER), width=2)
+        shown = uplot.Series(stroke=css_colour(PLACED), points={"show": False})
+        self._chart: Any = gui.add_uplot(
+            curve_data([(0.0, 0.0)], 1.0, -1),
+            (uplot.Series(), best, shown),
+            title="objective ξ of the best placement",
+            scales={"x": uplot.Scale(time=False)},
+            axes=(uplot.Axis(label="s since the start"), uplot.Axis()),
+            legend=uplot.Legend(show=False),
+            aspect=2.0,
+            visible=False,
+        )
+        self._drawn: object = None
+
+    def draw(self, steps: Sequence[tuple[float, float]], end: float, chosen: int) -> None:
+        """Show these, where they are others than before; see `curve_data`."""
+        if self._drawn != (steps, end, chosen):
+            self._drawn, self._chart.visible = (steps, end, chosen), bool(steps)
+            if steps:
+                self._chart.data = curve_data(steps, end, chosen)
+
+
+def curve_data(
+    steps: Sequence[tuple[float, float]], end: float, chosen: int
+) -> tuple[Array, Array, Array]:
+    """Corners of the steps, seconds and ξ, and ξ of the one that is shown at each corner.
 
     Args:
         steps: seconds since the start and ξ of every improvement, in order.
         end: seconds up to which the last holds.
-        chosen: which of them is shown, by its place; -1 for none.
+        chosen: which of them is shown, by its place; -1 for the last.
     """
-    if not steps:
-        return f'<div style="{_BOX};color:#666">ξ over time: no placement so far</div>'
-    end = max(end, steps[-1][0], 1e-3)
-    low, high = _range([value for _, value in steps])
-
-    def x(time: float) -> float:
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * time / end
-
-    def y(value: float) -> float:
-        return _HEIGHT - _BOTTOM - (_HEIGHT - _TOP - _BOTTOM) * (value - low) / (high - low)
-
-    path = f"M{x(steps[0][0]):.1f},{y(steps[0][1]):.1f}"
-    for (_, _), (time, value) in pairwise(steps):
-        path += f"H{x(time):.1f}V{y(value):.1f}"
-    path += f"H{x(end):.1f}"
-    dots = "".join(
-        f'<circle cx="{x(time):.1f}" cy="{y(value):.1f}" r="{4.5 if k == chosen else 2.5}" '
-        f'fill="{css(PLACED) if k == chosen else css(EARLIER)}"/>'
-        for k, (time, value) in enumerate(steps)
-    )
-    floor, middle = _HEIGHT - _BOTTOM, (_LEFT + _WIDTH - _RIGHT) / 2
-    texts = [
-        (_LEFT - 5, y(low) + 4, "end", f"{low:.3g}"),
-        (_LEFT - 5, y(high) + 4, "end", f"{high:.3g}"),
-        (_LEFT, floor + 14, "middle", "0"),
-        (_WIDTH - _RIGHT, floor + 14, "end", f"{end:.1f} s"),
-        (middle, floor + 14, "middle", "time since the start"),
-        (_LEFT - 5, 11, "start", "objective ξ of the best placement"),
-    ]
-    written = "".join(
-        f'<text x="{at:.1f}" y="{height:.1f}" text-anchor="{anchor}" style="{_TEXT}" '
-        f'fill="#444">{text}</text>'
-        for at, height, anchor, text in texts
-    )
-    frame = f"M{_LEFT},{_TOP}V{floor}H{_WIDTH - _RIGHT}"
-    return (
-        f'<div style="{_BOX}"><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="100%" '
-        f'role="img" aria-label="objective over time">'
-        f'<path d="{frame}" fill="none" stroke="#999"/>'
-        f'<path d="{path}" fill="none" stroke="{css(EARLIER)}" stroke-width="1.6"/>'
-        f"{dots}{written}</svg></div>"
-    )
+    times, values = np.array(steps).T
+    corners = np.repeat([*times, max(end, times[-1])], 2)[1:-1]
+    return corners, np.repeat(values, 2), np.full(len(corners), values[chosen])
 
 
-def _range(values: Sequence[float]) -> tuple[float, float]:
-    """Round numbers around the values."""
-    low, high = min(values), max(values)
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return 0.0, 1.0
-    wide = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-6)
-    step = 10.0 ** math.floor(math.log10(wide))
-    below, above = math.floor(low / step) * step, math.ceil(high / step) * step
-    return (below, above) if above > below else (below, below + step)
-
-
-def rejections(rejected: Mapping[str, int], samples: int) -> str:
+def rejection_bars(rejected: Mapping[str, int], samples: int) -> str:
     """What became of the samples, a bar for each constraint in the order of the checks."""
     if not samples:
         return f'<div style="{_BOX};color:#666">Nothing tried so far.</div>'
@@ -110,7 +89,7 @@ def rejections(rejected: Mapping[str, int], samples: int) -> str:
     )
 
 
-def legend(
+def colour_legend(
     heat: tuple[float, float] | None, earlier: bool, standing: bool, ghost: bool, obstacles: bool
 ) -> str:
     """What the colours in the scene mean.
@@ -130,7 +109,7 @@ def legend(
     entries += [(OBSTACLES, "what counts as obstacle")] if obstacles else []
     swatches = "".join(
         f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;'
-        f'width:10px;height:10px;border-radius:2px;background:{css(colour)}"></span> '
+        f'width:10px;height:10px;border-radius:2px;background:{css_colour(colour)}"></span> '
         f"{escape(words)}</span> "
         for colour, words in entries
     )

@@ -24,11 +24,11 @@ def coarse_enough(shapes: Sequence[LinkShape], most: int = MOST_OF_ROBOT) -> lis
     for side in _SIDES_M:
         if sum(len(shape.triangles) for shape in found) <= most:
             break
-        found = [_coarser(shape, side) for shape in shapes]
+        found = [_coarser_shape(shape, side) for shape in shapes]
     return found
 
 
-def _coarser(shape: LinkShape, side: float) -> LinkShape:
+def _coarser_shape(shape: LinkShape, side: float) -> LinkShape:
     """A surface whose vertices in one cube of that side, metres, become one of them."""
     if len(shape.triangles) <= _KEPT_TRIANGLES:
         return shape

@@ -23,7 +23,7 @@ from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import hand_out
 from placement_planner_ros.view.controls import Controls
 from placement_planner_ros.view.listening import Listener
-from placement_planner_ros.view.options import own_and_ros, parser
+from placement_planner_ros.view.options import make_parser, own_and_ros
 from placement_planner_ros.view.page import Page
 from placement_planner_ros.view.world import World
 
@@ -39,9 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     asked = catch_signals()
     own, of_ros = own_and_ros(arguments)
-    options = parser().parse_args(own)
+    options = make_parser().parse_args(own)
     os.nice(NICE)
-    fault = _unusable(options.host, options.port)
+    fault = _address_fault(options.host, options.port)
     if fault:
         print(f"placement_view: {fault}", file=sys.stderr)
         return 1
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.control:
         print("placement_view: whoever opens the page can start and stop runs", flush=True)
     try:
-        _show(page, listener, controls, asked)
+        _show_page(page, listener, controls, asked)
     finally:
         over.set()
         hearing.join()
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _show(
+def _show_page(
     page: Page, listener: Listener, controls: Controls | None, asked: threading.Event
 ) -> None:
     """Refresh the page until it is asked to end."""
@@ -109,7 +109,7 @@ def _show(
         asked.wait(wait)
 
 
-def _unusable(host: str, port: int) -> str:
+def _address_fault(host: str, port: int) -> str:
     """Why nothing can be served there; empty where it can. viser would take another port."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]

@@ -96,14 +96,14 @@ class Controls:
 
     def _do(self, act: Callable[[], str], answer: Any) -> None:
         self._answer.content = self._kept.content = ""
-        answer.content = words.note("asking the node …")
+        answer.content = words.note_html("asking the node …")
         try:
             said = act()
         except PlacementError as error:
-            said = words.refusal(error)
+            said = words.refusal_words(error)
         except (TypeError, ValueError) as error:
             said = f"not sent: {error}"
-        answer.content = words.note(said)
+        answer.content = words.note_html(said)
 
     def _start(self) -> str:
         changed = self._changed()
@@ -149,14 +149,14 @@ class Controls:
         for name, known in self._known.items():
             value = self._fields[name].value
             if name == _VOLUME:
-                value = _corners(value)
+                value = _box_corners(value)
                 known = [float(f"{number:g}") for number in known]
             if value != known:
                 changed[name] = value
         return changed
 
 
-def _corners(text: str) -> list[float]:
+def _box_corners(text: str) -> list[float]:
     """The numbers of a target volume, metres.
 
     Raises:

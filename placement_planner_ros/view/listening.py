@@ -25,7 +25,7 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import waiting
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.view.node_parameters import NodeParameters
-from placement_planner_ros.view.thinning import ThinCloud, thinned
+from placement_planner_ros.view.thinning import ThinCloud, thinned_cloud
 
 LOOK = 0.5
 """Seconds between looks at what the node subscribes to."""
@@ -149,7 +149,7 @@ class Listener:
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
         try:
-            cloud = thinned(message)
+            cloud = thinned_cloud(message)
         except PlacementPlannerError as error:
             self._fault(topic, str(error))
             return

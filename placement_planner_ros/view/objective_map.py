@@ -122,4 +122,4 @@ def region_colours(
         return None
     values = sign * values[:-1]
     low, high = float(values.min()), float(values.max())
-    return colours.scale((values - low) / max(high - low, 1e-6)), (low, high)
+    return colours.scale_colours((values - low) / max(high - low, 1e-6)), (low, high)

@@ -13,7 +13,7 @@ The page only shows, unless --control is given. Run it in the node's namespace, 
 --planner which node is meant."""
 
 
-def parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
     """Of all but ROS's own arguments."""
     made = argparse.ArgumentParser(
         prog="placement_view",
@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
         help="address to serve on; 127.0.0.1 is this machine only, 0.0.0.0 is whoever can reach it",
     )
     made.add_argument(
-        "--port", type=_port, default=PORT, help=f"port to serve on; without it {PORT}"
+        "--port", type=_port_number, default=PORT, help=f"port to serve on; without it {PORT}"
     )
     made.add_argument(
         "--control",
@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def _port(text: str) -> int:
+def _port_number(text: str) -> int:
     try:
         port = int(text)
     except ValueError:

@@ -23,7 +23,7 @@ from placement_planner_ros.view.objective_map import RegionColours, region_colou
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import Stage
-from placement_planner_ros.view.thinning import moved, thinned
+from placement_planner_ros.view.thinning import moved_points, thinned_cloud
 from placement_planner_ros.view.world import Itself, World, pose_of
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
@@ -120,7 +120,7 @@ class Page:
             and listener.occupancy is not None
         ):
             try:
-                self._obstacles = thinned(listener.occupancy, MOST_CELLS).points
+                self._obstacles = thinned_cloud(listener.occupancy, MOST_CELLS).points
                 self._fault("occupancy", "")
             except PlacementPlannerError as error:
                 self._fault("occupancy", str(error))
@@ -312,7 +312,7 @@ class Page:
             return
         poses, none = self._poses, np.zeros((0, 3))
         on_robot = [
-            moved(shape.vertices[:: max(1, len(shape.vertices) // 60)], poses[shape.link])
+            moved_points(shape.vertices[:: max(1, len(shape.vertices) // 60)], poses[shape.link])
             for shape in robot.shapes
             if shape.link in poses
         ]
@@ -340,13 +340,13 @@ class Page:
         reason = "" if status is None else status.validity.reason
         if self._confirmed:
             reason = ""
-        curve = record.curve
         place = list(record.improvements.values()).index(shown) if shown is not None and (
             shown.solution.number in record.improvements
         ) else -1  # fmt: skip
+        self._panel.curve.draw(record.curve, _told_duration(record), place)
         self._panel.write(
-            heading=words.heading(record, self._listener.absent),
-            placement=words.placement(
+            heading=words.heading_html(record, self._listener.absent),
+            placement=words.placement_html(
                 self.solution,
                 last,
                 reason,
@@ -354,16 +354,15 @@ class Page:
                 self._confirmed,
             ),
             stage=self._stage_words(),
-            curve=charts.objective_over_time(curve, _told(record), place),
-            bars=charts.rejections(record.rejected, record.samples),
-            legend=charts.legend(
+            bars=charts.rejection_bars(record.rejected, record.samples),
+            legend=charts.colour_legend(
                 None if self._coloured is None else self._coloured[1],
                 len(record.improvements) > 1,
                 len(self._markers.standing) > 0,
                 self._panel.time > 0.0,
                 "occupancy" in self._panel.visible,
             ),
-            note=words.note("; ".join(self._said_faults())),
+            note=words.note_html("; ".join(self._said_faults())),
         )
 
     def _stage_words(self) -> str:
@@ -371,8 +370,8 @@ class Page:
             return ""
         marks = ", ".join(f"{name} from {at:.1f} s" for at, name in self._playback.marks)
         if self._panel.time <= 0.0:
-            return words.note(f"the robot as it is now; {marks}")
-        return words.note(f"now: {self._playback.at(self._panel.time).stage}; {marks}")
+            return words.note_html(f"the robot as it is now; {marks}")
+        return words.note_html(f"now: {self._playback.at(self._panel.time).stage}; {marks}")
 
     def _said_faults(self) -> list[str]:
         faults = {**self._listener.faults, **self._world.faults, **self._faults}
@@ -389,7 +388,7 @@ class Page:
         return True
 
 
-def _told(record: RunRecord) -> float:
+def _told_duration(record: RunRecord) -> float:
     """Seconds that a run has gone on for; while it goes on in steps, each of which is sent."""
     steps = CURVE_PERIOD if record.active else 0.1
     return math.floor(record.elapsed / steps) * steps

@@ -7,6 +7,7 @@ from typing import Any
 
 import viser
 
+from placement_planner_ros.view.charts import ObjectiveCurve
 from placement_planner_ros.view.stage import LAYERS
 
 BEST = "the best so far"
@@ -25,6 +26,7 @@ class Panel:
     Attributes:
         playing: whether time goes on.
         time: seconds into the motion.
+        curve: of the objective.
     """
 
     def __init__(self, server: viser.ViserServer, show: Callable[[str, bool], None]) -> None:
@@ -47,7 +49,7 @@ class Panel:
             "Time, s", 0.0, 1.0, 0.01, 0.0, disabled=True, hint="0: as it is now."
         )
         self._stage = gui.add_html("")
-        self._curve = gui.add_html("")
+        self.curve = ObjectiveCurve(gui)
         self._bars = gui.add_html("")
         self._legend = gui.add_html("")
         self._note = gui.add_html("")
@@ -119,7 +121,7 @@ class Panel:
         self._play.icon = icon
 
     def write(self, **content: str) -> None:
-        """HTML for heading, placement, stage, curve, bars, legend or note, sent where it is new."""
+        """HTML for heading, placement, stage, bars, legend or note, sent where it is new."""
         for name, html in content.items():
             if self._shown.get(name) != html:
                 self._shown[name] = html

@@ -100,20 +100,20 @@ class RunRecord:
     @property
     def samples(self) -> int:
         """How many the run has drawn."""
-        return _count("" if self.status is None else self.status.values.get("samples", ""))
+        return _parsed_count("" if self.status is None else self.status.values.get("samples", ""))
 
     @property
     def rejected(self) -> dict[str, int]:
         """How many samples each constraint rejected, by its name, in the order of the checks."""
         values = {} if self.status is None else self.status.values
         return {
-            name.removeprefix(_REJECTED): _count(value)
+            name.removeprefix(_REJECTED): _parsed_count(value)
             for name, value in values.items()
             if name.startswith(_REJECTED)
         }
 
 
-def _count(text: str) -> int:
+def _parsed_count(text: str) -> int:
     try:
         return max(0, int(text))
     except ValueError:

@@ -48,7 +48,7 @@ def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShap
     colours = {
         material.get("name", ""): colour
         for material in description.root.findall("material")
-        if (colour := _rgba(material)) is not None
+        if (colour := _rgba_colour(material)) is not None
     }
     shapes, lacking = [], []
     for link in description.root.findall("link"):
@@ -58,12 +58,12 @@ def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShap
             if not elements:
                 continue
             try:
-                vertices, triangles = _joined(elements, f"link {name}: {kind}", find)
+                vertices, triangles = _joined_shapes(elements, f"link {name}: {kind}", find)
             # Loaders raise whatever they like at what they are given.
             except Exception as error:
                 faults.append(f"link {name}: {kind}: {error}")
                 continue
-            colour = _colour(elements[0], colours) if kind == "visual" else None
+            colour = _material_colour(elements[0], colours) if kind == "visual" else None
             shapes.append(LinkShape(name, vertices, triangles, colour or PLAIN))
             break
         else:
@@ -71,13 +71,13 @@ def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShap
     return shapes, lacking
 
 
-def _joined(
+def _joined_shapes(
     elements: list[ET.Element], field: str, find: FindFile
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """All shapes of a link as one mesh in the link's frame."""
     vertices, triangles, count = [], [], 0
     for element in elements:
-        corners, faces = _shape(element, field, find)
+        corners, faces = _shape_mesh(element, field, find)
         T_link_shape = read_origin(element, field)
         vertices.append(corners @ T_link_shape.rotation.T + T_link_shape.translation)
         triangles.append(faces + count)
@@ -85,7 +85,9 @@ def _joined(
     return np.vstack(vertices), np.vstack(triangles)
 
 
-def _shape(element: ET.Element, field: str, find: FindFile) -> tuple[Array, npt.NDArray[np.int64]]:
+def _shape_mesh(
+    element: ET.Element, field: str, find: FindFile
+) -> tuple[Array, npt.NDArray[np.int64]]:
     """One shape in its own frame."""
     geometry = element.find("geometry")
     shape = geometry[0] if geometry is not None and len(geometry) else None
@@ -111,14 +113,14 @@ def _shape(element: ET.Element, field: str, find: FindFile) -> tuple[Array, npt.
     return np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int64)
 
 
-def _colour(element: ET.Element, named: dict[str, Colour]) -> Colour | None:
+def _material_colour(element: ET.Element, named: dict[str, Colour]) -> Colour | None:
     material = element.find("material")
     if material is None:
         return None
-    return _rgba(material) or named.get(material.get("name", ""))
+    return _rgba_colour(material) or named.get(material.get("name", ""))
 
 
-def _rgba(material: ET.Element) -> Colour | None:
+def _rgba_colour(material: ET.Element) -> Colour | None:
     colour = material.find("color")
     if colour is None:
         return None

@@ -80,14 +80,14 @@ class Stage:
     def place_robot(self, poses: Mapping[str, pin.SE3]) -> None:
         """Move the links to T_world_link."""
         with self._server.atomic():
-            _move(self._links, poses)
+            _move_handles(self._links, poses)
 
     def place_ghost(self, poses: Mapping[str, pin.SE3] | None) -> None:
         """Show the start of these links at T_world_link, or hide all of it."""
         self._ghost.visible = poses is not None
         if poses is not None:
             with self._server.atomic():
-                _move(self._ghosts, poses)
+                _move_handles(self._ghosts, poses)
                 for name, handle in self._ghosts.items():
                     handle.visible = name in poses
 
@@ -110,13 +110,13 @@ class Stage:
             grey = ghost and k == 0
             colour = colours.START if grey else colours.HELD
             opacity = 0.35 if grey else (None if ghost or len(shown) == 1 else 0.6)
-            made = _mesh(self._scene, f"/held/{k}", surface, T, colour, opacity)
+            made = _add_mesh(self._scene, f"/held/{k}", surface, T, colour, opacity)
             self._held[k : k + 1] = [made]
 
     def move_held(self, number: int, T_world_object: pin.SE3, held: bool = True) -> None:
         """Move one of the objects in hands; hide it where it is held no more."""
         if number < len(self._held):
-            _move({"": self._held[number]}, {"": T_world_object})
+            _move_handles({"": self._held[number]}, {"": T_world_object})
             self._held[number].visible = held
 
     def draw_placement(self, surface: Surface | None, T: pin.SE3 | None, text: str) -> None:
@@ -124,7 +124,7 @@ class Stage:
         self._clear("placed", "label")
         if surface is None or T is None:
             return
-        self._parts["placed"] = _mesh(self._scene, "/placed", surface, T, colours.PLACED, None)
+        self._parts["placed"] = _add_mesh(self._scene, "/placed", surface, T, colours.PLACED, None)
         top = surface[0] @ T.rotation.T + T.translation
         above = (*top.mean(axis=0)[:2], top[:, 2].max() + 0.04)
         self._parts["label"] = self._scene.add_label(
@@ -141,7 +141,7 @@ class Stage:
             "/earlier/all",
             vertices=vertices.astype(np.float32),
             faces=triangles.astype(np.uint32),
-            batched_wxyzs=np.array([_wxyz(T) for T in poses]),
+            batched_wxyzs=np.array([_wxyz_of(T) for T in poses]),
             batched_positions=np.array([T.translation for T in poses]),
             batched_colors=np.array(colours.EARLIER, np.uint8),
             opacity=0.2,
@@ -189,7 +189,7 @@ class Stage:
         mesh = trimesh.Trimesh(
             pieces.reshape(-1, 3) + np.array([0.0, 0.0, 0.002]),
             faces,
-            vertex_colors=np.repeat(colours.linear(chosen), 4, axis=0),
+            vertex_colors=np.repeat(colours.linear_colours(chosen), 4, axis=0),
             process=False,
         )
         self._parts["regions"] = self._scene.add_mesh_trimesh(
@@ -199,7 +199,7 @@ class Stage:
     def draw_cloud(self, topic: str, points: Array) -> None:
         """A cloud's points (n, 3) in the planning frame; the one before goes."""
         self._draw_points(
-            f"/cloud/{_plain(topic)}", points, colours.by_height(points[:, 2]), _POINT
+            f"/cloud/{_plain_name(topic)}", points, colours.by_height(points[:, 2]), _POINT
         )
 
     def draw_occupancy(self, points: Array, cell_size: float) -> None:
@@ -245,7 +245,7 @@ class Stage:
                 handle.remove()
 
 
-def _mesh(
+def _add_mesh(
     scene: Any, name: str, surface: Surface, T: pin.SE3, colour: colours.Rgb, opacity: float | None
 ) -> Any:
     vertices, triangles = surface
@@ -258,21 +258,21 @@ def _mesh(
         flat_shading=True,
         side="double",
         position=tuple(T.translation),
-        wxyz=_wxyz(T),
+        wxyz=_wxyz_of(T),
     )
 
 
-def _wxyz(T: pin.SE3) -> Array:
+def _wxyz_of(T: pin.SE3) -> Array:
     """(4,) the rotation as a quaternion, real part first."""
     return np.roll(pin.SE3ToXYZQUAT(T)[3:], 1)
 
 
-def _move(handles: Mapping[str, Any], poses: Mapping[str, pin.SE3]) -> None:
+def _move_handles(handles: Mapping[str, Any], poses: Mapping[str, pin.SE3]) -> None:
     for name, handle in handles.items():
         T = poses.get(name)
         if T is not None:
-            handle.position, handle.wxyz = T.translation, _wxyz(T)
+            handle.position, handle.wxyz = T.translation, _wxyz_of(T)
 
 
-def _plain(topic: str) -> str:
+def _plain_name(topic: str) -> str:
     return "".join(c if c.isalnum() else "_" for c in topic)

@@ -33,7 +33,7 @@ class ThinCloud:
     count: int
 
 
-def thinned(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
+def thinned_cloud(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
     """Every k-th point of a cloud, of an organised one every so many-th row and column.
 
     Every k-th pixel along the rows would be stripes with gaps where the width is about a multiple
@@ -61,6 +61,6 @@ def thinned(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
     return ThinCloud(message.header.frame_id, points[near], count)
 
 
-def moved(points: Array, T: pin.SE3) -> Array:
+def moved_points(points: Array, T: pin.SE3) -> Array:
     """Points (n, 3) at T."""
     return np.asarray(points @ T.rotation.T + T.translation)

@@ -51,19 +51,19 @@ _STATES = {
 }
 
 
-def heading(record: RunRecord, absent: str) -> str:
+def heading_html(record: RunRecord, absent: str) -> str:
     """HTML: what the node is doing.
 
     Args:
         absent: why nothing is heard of the node; empty where it is there.
     """
     if absent:
-        return _block(_strong(absent), "#b00020")
+        return _html_block(_bold_text(absent), "#b00020")
     status = record.status
     if status is None:
-        return _block("the node is there; its status has not come yet", "#666")
+        return _html_block("the node is there; its status has not come yet", "#666")
     if record.run == 0:
-        return _block(_strong("No run yet.") + " " + escape(status.message), "#666")
+        return _html_block(_bold_text("No run yet.") + " " + escape(status.message), "#666")
     empty = status.ended and not record.improvements
     alone = f"{status.state} without one" if empty else status.state
     state = _STATES.get(alone, _STATES.get(status.state, status.state))
@@ -74,21 +74,21 @@ def heading(record: RunRecord, absent: str) -> str:
         f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px">'
         f"{escape(state)}</span>"
     )
-    count = _count(record.samples, status.solutions, status.ended)
+    count = _sample_count(record.samples, status.solutions, status.ended)
     parts = [f"Run …{str(record.run)[-6:]} {badge}", count]
     if empty:
         parts.append(escape(status.message))
-    return _block("<br>".join(parts), "#222")
+    return _html_block("<br>".join(parts), "#222")
 
 
-def _count(samples: int, solutions: int, ended: bool) -> str:
+def _sample_count(samples: int, solutions: int, ended: bool) -> str:
     if solutions == 0:
         return f"{samples:,} samples tried, no placement found{'' if ended else ' yet'}"
     found = "1 placement found" if solutions == 1 else f"{solutions} found, each better than before"
     return f"{samples:,} samples tried, {found}"
 
 
-def placement(
+def placement_html(
     solution: Solution | None, last: int, reason: str, objective: object, placed: bool
 ) -> str:
     """HTML: where the object goes, and why there.
@@ -100,17 +100,17 @@ def placement(
         placed: whether this run's object stands already, by whichever of its solutions.
     """
     if solution is None:
-        return _block("No placement so far.", "#666")
+        return _html_block("No placement so far.", "#666")
     p = solution.pose.pose.position
     which = "the best so far" if solution.number == last else f"older; the best is {last}"
     where = f"x {p.x:.2f}, y {p.y:.2f}, z {p.z:.2f} m in {escape(solution.pose.header.frame_id)}"
     lines = [
-        _strong(f"Placement {solution.number}") + f" ({which})",
+        _bold_text(f"Placement {solution.number}") + f" ({which})",
         f"{where}, by arm {escape(solution.arm)}, grasp {solution.grasp}",
-        f"ξ = {_strong(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
+        f"ξ = {_bold_text(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
         + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
     ]
-    lines += [_terms(solution.terms)] if solution.terms else []
+    lines += [_term_words(solution.terms)] if solution.terms else []
     if solution.unseen:
         lines.append(f"{solution.unseen:.1%} of the way leads where no camera looked")
     if placed:
@@ -121,14 +121,14 @@ def placement(
         lines.append(f'<span style="color:#b00020">Not to be carried out: {escape(reason)}</span>')
     else:
         lines.append('<span style="color:#14752f">It can be carried out.</span>')
-    return _block("<br>".join(lines), "#222")
+    return _html_block("<br>".join(lines), "#222")
 
 
-def _terms(terms: Mapping[str, float]) -> str:
+def _term_words(terms: Mapping[str, float]) -> str:
     return "terms: " + ", ".join(f"{escape(name)} {value:.3g}" for name, value in terms.items())
 
 
-def refusal(error: PlacementError) -> str:
+def refusal_words(error: PlacementError) -> str:
     """What the node refused, a line for each fault, its code last."""
     said = []
     for line in error.words.splitlines() or [""]:
@@ -138,7 +138,7 @@ def refusal(error: PlacementError) -> str:
     return "\n".join(said)
 
 
-def note(text: str) -> str:
+def note_html(text: str) -> str:
     """HTML: a remark in small grey letters, in lines as it is."""
     inside = escape(text).replace("\n", "<br>")
     return f'<div style="{_BOX};color:#666;font-size:11px">{inside}</div>' if text else ""
@@ -147,9 +147,9 @@ def note(text: str) -> str:
 _BOX = "padding:2px 14px;font-size:12.5px;line-height:1.45;overflow-wrap:anywhere"
 
 
-def _block(inside: str, colour: str) -> str:
+def _html_block(inside: str, colour: str) -> str:
     return f'<div style="{_BOX};color:{colour}">{inside}</div>'
 
 
-def _strong(text: str) -> str:
+def _bold_text(text: str) -> str:
     return f"<b>{escape(text)}</b>"

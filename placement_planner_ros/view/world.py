@@ -17,7 +17,7 @@ from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.robot import ShownRobot
-from placement_planner_ros.view.thinning import ThinCloud, moved
+from placement_planner_ros.view.thinning import ThinCloud, moved_points
 
 Surface = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (n, 3) and triangles (t, 3)."""
@@ -188,7 +188,7 @@ class World:
         """A cloud's points (n, 3), or None and why not, in words."""
         pose = self.parameter(f"sensor_poses.{cloud.frame}", [])
         if len(pose) == 7:
-            return moved(cloud.points, pose_of_numbers(pose)), ""
+            return moved_points(cloud.points, pose_of_numbers(pose)), ""
         if cloud.frame == self.frame:
             return cloud.points, ""
         T = poses.get(cloud.frame)
@@ -196,7 +196,7 @@ class World:
             T = self._transform(self.frame, cloud.frame)
         if T is None:
             return None, f"nobody knows where its frame {cloud.frame!r} is"
-        return moved(cloud.points, T), ""
+        return moved_points(cloud.points, T), ""
 
 
 def pose_of_numbers(values: Sequence[float]) -> pin.SE3:

@@ -160,7 +160,7 @@ def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):
 
 
 def ended_node(monkeypatch, tmp_path, script):
-    monkeypatch.setattr(node_process, "_program", lambda: [sys.executable, "-c", script])
+    monkeypatch.setattr(node_process, "_node_program", lambda: [sys.executable, "-c", script])
     with NodeProcess("/x", [], tmp_path / "node.log") as node:
         while True:
             node.require_alive()
@@ -181,7 +181,7 @@ def test_a_node_that_died_is_named_with_its_last_words(monkeypatch, tmp_path, sc
 
 
 def test_a_node_that_cannot_be_started_says_how_to_try(monkeypatch, tmp_path):
-    monkeypatch.setattr(node_process, "_program", lambda: [str(tmp_path / "nowhere")])
+    monkeypatch.setattr(node_process, "_node_program", lambda: [str(tmp_path / "nowhere")])
     with pytest.raises(DemoError, match=r"(?s)cannot be started.*by hand: .*nowhere --ros-args"):
         NodeProcess("/x", [], tmp_path / "node.log")
 

@@ -65,7 +65,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         told = _no_motion(search, progress)
     else:
         told = _all_refused(search, progress)
-    numbers = (*regions_in_words(environment), *_counts(search, progress), *left_out)
+    numbers = (*regions_in_words(environment), *_count_words(search, progress), *left_out)
     return replace(told, details=(*told.details, *numbers))
 
 
@@ -129,7 +129,9 @@ def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     ruled = [words[ruling] for ruling in words if ruling in rulings]
     return Explanation(
         f"no placement is possible: every pose on the placement regions is {', or '.join(ruled)}",
-        _distinct(r for ruling in words if ruling in rulings for r in _remedies(search, ruling)),
+        _first_of_each(
+            r for ruling in words if ruling in rulings for r in _ruling_remedies(search, ruling)
+        ),
         tuple(
             f"arm {name} falls short of the nearest pose by {gap:.2f} m or more"
             for name, gap in _out_of_reach(search).items()
@@ -138,7 +140,7 @@ def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     )
 
 
-def _remedies(search: Search, ruling: Ruling) -> list[Remedy]:
+def _ruling_remedies(search: Search, ruling: Ruling) -> list[Remedy]:
     return remedies_for(search, _RULED[ruling])
 
 
@@ -177,7 +179,7 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
     ]
     inputs = remedies_for(search, Verdict.ARM_COLLIDING)
     more_time = Remedy("time_limit", "allow more time")
-    return Explanation(cause, _distinct([*bearing, more_time, *inputs]))
+    return Explanation(cause, _first_of_each([*bearing, more_time, *inputs]))
 
 
 def _all_refused(search: Search, progress: Progress) -> Explanation:
@@ -205,7 +207,7 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
         more_time = f"allow more than it takes for {count.samples:,} samples"
         remedies.insert(0, Remedy("time_limit", more_time))
     cause = f"in {count.samples:,} samples no placement was found: {'; '.join(causes)}"
-    return Explanation(cause, _distinct(remedies))
+    return Explanation(cause, _first_of_each(remedies))
 
 
 def _broken_in_words(search: Search) -> str:
@@ -215,7 +217,7 @@ def _broken_in_words(search: Search) -> str:
     return f"broke {', '.join(name for name, _ in broken.most_common()) or 'a rule'}"
 
 
-def _counts(search: Search, progress: Progress) -> list[str]:
+def _count_words(search: Search, progress: Progress) -> list[str]:
     """What became of the samples of each face, of those with the most, and of each arm's tries."""
     by_face = progress.count.by_face
     totals = by_face.sum(axis=1)
@@ -231,7 +233,7 @@ def _counts(search: Search, progress: Progress) -> list[str]:
     ]
 
 
-def _distinct(remedies: Iterable[Remedy]) -> tuple[Remedy, ...]:
+def _first_of_each(remedies: Iterable[Remedy]) -> tuple[Remedy, ...]:
     """The first for each parameter."""
     first: dict[str, Remedy] = {}
     for each in remedies:

@@ -100,17 +100,17 @@ class CarryingOut:
 
     def _stages(self) -> Iterator[tuple[str, _Asked]]:
         """What is asked of the joints in each stage."""
-        carried = _asked(self.robot, self.q_start, self.trajectory)
+        carried = _asked_motion(self.robot, self.q_start, self.trajectory)
         yield CARRY, carried
         q = carried[0][-1]
-        yield DOWN, _asked(self.robot, q, self._hand(q, q, _RESTING))
+        yield DOWN, _asked_motion(self.robot, q, self._hand(q, q, _RESTING))
         opened = self.robot.with_open_hand(q, self.arm)
-        yield LET_GO, _asked(self.robot, q, self._hand(q, opened, _OPENING))
+        yield LET_GO, _asked_motion(self.robot, q, self._hand(q, opened, _OPENING))
         if self.retreat is not None:
-            drawn = _asked(self.robot, opened, self.retreat)
+            drawn = _asked_motion(self.robot, opened, self.retreat)
             yield DRAW_BACK, drawn
             opened = drawn[0][-1]
-        yield STAND, _asked(self.robot, opened, self._hand(opened, opened, _LOOKING))
+        yield STAND, _asked_motion(self.robot, opened, self._hand(opened, opened, _LOOKING))
 
     def _hand(self, first: Array, last: Array, seconds: float) -> Trajectory:
         """All joints from one configuration to another, at rest in both."""
@@ -140,7 +140,7 @@ _Asked = tuple[Array, Array, Array]
 """Positions, velocities and accelerations (k, nq), one row a step."""
 
 
-def _asked(robot: Robot, q: Array, trajectory: Trajectory) -> _Asked:
+def _asked_motion(robot: Robot, q: Array, trajectory: Trajectory) -> _Asked:
     """What a controller asks of the joints while it follows a trajectory, the others being at q."""
     count = round(trajectory.duration / TIME_STEP)
     times = TIME_STEP * np.arange(1.0, 1.0 + count)

@@ -96,8 +96,10 @@ class Bodies:
         bodies = [self.spec.worldbody.add_body(name=BASE)]
         for number in range(1, model.njoints):
             parent = bodies[model.parents[number]]
-            body = parent.add_body(name=model.names[number], **_pose(model.jointPlacements[number]))
-            kind, axis = _axis(model, number)
+            body = parent.add_body(
+                name=model.names[number], **_pose_fields(model.jointPlacements[number])
+            )
+            kind, axis = _joint_axis(model, number)
             body.add_joint(
                 name=model.names[number],
                 type=getattr(mujoco.mjtJoint, f"mjJNT_{kind.upper()}"),
@@ -109,7 +111,7 @@ class Bodies:
             if not isinstance(solid.geometry, coal.ConvexBase):
                 raise ValueError(f"{robot.name}: physics needs convex solids; {solid.name} is none")
             vertices = np.array(solid.geometry.points())
-            pose = _pose(solid.placement)
+            pose = _pose_fields(solid.placement)
             self._add_solid(bodies[solid.parentJoint], vertices, link, _LINK_DENSITY, pose)
         self._let_pass(robot)
 
@@ -120,7 +122,7 @@ class Bodies:
 
     def add_thing(self, thing: SimulatedThing) -> None:
         """A thing that can move."""
-        body = self.spec.worldbody.add_body(name=thing.name, **_pose(thing.T_world_thing))
+        body = self.spec.worldbody.add_body(name=thing.name, **_pose_fields(thing.T_world_thing))
         body.add_freejoint()
         for vertices in thing.parts:
             self._add_solid(body, vertices, thing.name, _THING_DENSITY)
@@ -128,7 +130,7 @@ class Bodies:
     def hold(self, robot: Robot, held: WeldedObject) -> None:
         """Fix a thing in the hand; the only equality constraint."""
         frame = robot.model.frames[robot.frame_id(held.link)]
-        pose = _pose(frame.placement * held.T_link_thing)
+        pose = _pose_fields(frame.placement * held.T_link_thing)
         name = robot.model.names[frame.parentJoint] if frame.parentJoint else BASE
         weld = self.spec.add_equality(
             type=mujoco.mjtEq.mjEQ_WELD,
@@ -185,7 +187,7 @@ class Bodies:
                     self.spec.add_exclude(bodyname1=first, bodyname2=second)
 
 
-def _axis(model: pin.Model, number: int) -> tuple[str, npt.NDArray[np.float64]]:
+def _joint_axis(model: pin.Model, number: int) -> tuple[str, npt.NDArray[np.float64]]:
     """Whether the joint turns or slides, and its axis in its own frame."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -197,6 +199,6 @@ def _axis(model: pin.Model, number: int) -> tuple[str, npt.NDArray[np.float64]]:
     return ("slide", column[:3]) if np.linalg.norm(column[:3]) > 0.5 else ("hinge", column[3:])
 
 
-def _pose(T: pin.SE3) -> dict[str, list[float]]:
+def _pose_fields(T: pin.SE3) -> dict[str, list[float]]:
     x, y, z, w = pin.Quaternion(T.rotation).normalized().coeffs()
     return {"pos": T.translation.tolist(), "quat": [float(w), float(x), float(y), float(z)]}

@@ -30,7 +30,7 @@ from placement_planner_ros.view.objective_map import (
 )
 from placement_planner_ros.view.robot import ShownRobot
 from placement_planner_ros.view.robot_shapes import LinkShape
-from placement_planner_ros.view.thinning import thinned
+from placement_planner_ros.view.thinning import thinned_cloud
 
 TIP = TIP_FRAMES["left"]
 
@@ -153,7 +153,7 @@ def test_of_an_organised_cloud_what_is_left_has_no_gaps(size):
     pixels = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
     grid = np.zeros((*size, 3), np.float32)
     grid[..., :2] = 1e-3 * pixels
-    left = 1e3 * thinned(message_from_points(grid, Header())).points[:, :2]
+    left = 1e3 * thinned_cloud(message_from_points(grid, Header())).points[:, :2]
     assert 0.7 * 30_000 < len(left) <= 30_000
     farthest = cKDTree(left).query(pixels[60:180, 60:180].reshape(-1, 2))[0].max()
     apart = np.sqrt(pixels[..., 0].size / len(left))
@@ -162,7 +162,7 @@ def test_of_an_organised_cloud_what_is_left_has_no_gaps(size):
 
 def test_a_large_cloud_is_thinned_and_keeps_its_shape():
     points = np.random.default_rng(0).random((300_000, 3))
-    cloud = thinned(message_from_points(points, Header(frame_id="camera")))
+    cloud = thinned_cloud(message_from_points(points, Header(frame_id="camera")))
     assert cloud.count == 300_000
     assert 20_000 < len(cloud.points) <= 30_000
     assert cloud.frame == "camera"
@@ -174,9 +174,9 @@ def test_an_organised_cloud_with_padded_rows_and_holes_is_read():
     message = message_from_points(grid, Header())
     rows = [bytes(message.data[60 * k : 60 * (k + 1)]) + b"\xff" * 8 for k in range(4)]
     message.row_step, message.data = 68, b"".join(rows)
-    assert thinned(message).points == pytest.approx(grid.reshape(-1, 3))
+    assert thinned_cloud(message).points == pytest.approx(grid.reshape(-1, 3))
     grid[2, 1] = np.nan
-    assert len(thinned(message_from_points(grid, Header())).points) == 19
+    assert len(thinned_cloud(message_from_points(grid, Header())).points) == 19
 
 
 @pytest.mark.parametrize(
@@ -194,8 +194,8 @@ def test_a_malformed_cloud_is_refused(spoil):
     message = message_from_points(np.ones((50, 3)), Header())
     spoil(message)
     with pytest.raises(CloudError):
-        thinned(message, 10)
-    assert len(thinned(PointCloud2()).points) == 0
+        thinned_cloud(message, 10)
+    assert len(thinned_cloud(PointCloud2()).points) == 0
 
 
 # --- regions and the objective over them

@@ -6,8 +6,10 @@ import pytest
 from helpers.view_node import solution, status
 
 from placement_planner_ros.client import PlacementError
-from placement_planner_ros.view import charts, words
+from placement_planner_ros.view import words
 from placement_planner_ros.view.record import RunRecord
+
+charts = pytest.importorskip("placement_planner_ros.view.charts", reason="viser is not installed")
 
 
 def record_of(*solutions, **values):
@@ -37,7 +39,7 @@ def test_another_run_begins_anew_whatever_its_number(run):
 
 
 def test_the_bars_are_as_long_as_their_numbers_are_large():
-    html = charts.rejections({"unstable": 900, "no_ik": 450, "no_retreat": 0}, 2000)
+    html = charts.rejection_bars({"unstable": 900, "no_ik": 450, "no_retreat": 0}, 2000)
     widths = [float(w) for w in re.findall(r"width:([\d.]+)%\"></span>", html)]
     assert widths == [100.0, 50.0]
     assert words.CONSTRAINTS["unstable"] in html
@@ -52,22 +54,22 @@ def test_every_constraint_of_the_planner_has_words():
     assert set(words.CONSTRAINTS) == named
 
 
-def test_the_curve_rises_step_by_step_and_marks_what_is_shown():
-    html = charts.objective_over_time([(1.0, 0.1), (2.0, 0.3)], 4.0, 0)
-    dots = [
-        (float(x), float(y), float(r))
-        for x, y, r in re.findall(r'cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)"', html)
-    ]
-    assert dots[0][0] < dots[1][0]
-    assert dots[0][1] > dots[1][1]  # upwards is less
-    assert dots[0][2] > dots[1][2]
-    assert "4.0 s" in html
+def test_the_curve_rises_step_by_step_and_shows_what_is_chosen():
+    times, best, shown = charts.curve_data([(1.0, 0.1), (2.0, 0.3)], 4.0, 0)
+    assert times.tolist() == [1.0, 2.0, 2.0, 4.0]
+    assert best.tolist() == [0.1, 0.1, 0.3, 0.3]
+    assert shown.tolist() == [0.1] * 4
 
 
 def test_what_comes_from_outside_is_no_html():
     record = record_of(solution(arm="<script>"), state="<b>")
-    shown = words.placement(record.best.solution, 1, "<i>", "<u>", False)
-    for html in (shown, words.heading(record, ""), words.heading(record, "<a>"), words.note("<p>")):
+    shown = words.placement_html(record.best.solution, 1, "<i>", "<u>", False)
+    for html in (
+        shown,
+        words.heading_html(record, ""),
+        words.heading_html(record, "<a>"),
+        words.note_html("<p>"),
+    ):
         assert not re.search(r"<(script|b>&|i>|u>|a>|p>)", html.replace("<b>", "", 9))
     assert "&lt;script&gt;" in shown
     assert "&lt;i&gt;" in shown
@@ -75,39 +77,41 @@ def test_what_comes_from_outside_is_no_html():
 
 def test_only_the_best_is_said_to_be_ready():
     first, best = solution(1), solution(2)
-    assert "can be carried out" in words.placement(best, 2, "", "o", False)
-    assert "can be carried out" not in words.placement(first, 2, "", "o", False)
-    said = words.placement(best, 2, "the robot has left", "o", False)
+    assert "can be carried out" in words.placement_html(best, 2, "", "o", False)
+    assert "can be carried out" not in words.placement_html(first, 2, "", "o", False)
+    said = words.placement_html(best, 2, "the robot has left", "o", False)
     assert "the robot has left" in said
     assert "It can be" not in said
 
 
 def test_a_refusal_is_said_in_words_with_its_code():
-    said = words.refusal(PlacementError("ALREADY_RUNNING", "state searching"))
+    said = words.refusal_words(PlacementError("ALREADY_RUNNING", "state searching"))
     assert said == "A run is going on; stop it first. state searching (ALREADY_RUNNING)"
-    said = words.refusal(PlacementError("BAD_VOLUME", "BAD_VOLUME: target_volume: too thin"))
+    said = words.refusal_words(PlacementError("BAD_VOLUME", "BAD_VOLUME: target_volume: too thin"))
     assert said == "target_volume: too thin (BAD_VOLUME)"
 
 
 def test_every_fault_of_a_refusal_has_its_own_line_and_code():
     error = PlacementError("NO_CLOUD", "NO_CLOUD: none has come\nJOINTS_MISSING: give j, too")
-    said = words.refusal(error)
+    said = words.refusal_words(error)
     assert said.split("\n") == ["none has come (NO_CLOUD)", "give j, too (JOINTS_MISSING)"]
-    assert "(NO_CLOUD)<br>give j" in words.note(said)
+    assert "(NO_CLOUD)<br>give j" in words.note_html(said)
 
 
 def test_a_search_that_ends_with_nothing_is_not_told_as_if_there_was_a_best():
-    empty = words.heading(record_of(state="exhausted"), "")
+    empty = words.heading_html(record_of(state="exhausted"), "")
     assert "nothing is left to try" in empty
     assert "better" not in empty
     assert "yet" not in empty
-    assert "nothing better is left" in words.heading(record_of(solution(), state="exhausted"), "")
-    assert "found yet" in words.heading(record_of(state="searching"), "")
+    assert "nothing better is left" in words.heading_html(
+        record_of(solution(), state="exhausted"), ""
+    )
+    assert "found yet" in words.heading_html(record_of(state="searching"), "")
 
 
 def test_that_the_object_stands_is_not_said_of_one_placement_as_the_node_names_the_run_only():
     for number in (1, 2):
-        said = words.placement(solution(number), 2, "", "o", True)
+        said = words.placement_html(solution(number), 2, "", "o", True)
         assert "put down already" in said
         assert "carried out" not in said
         assert "there now" not in said
@@ -125,9 +129,9 @@ def test_that_the_object_stands_is_not_said_of_one_placement_as_the_node_names_t
 )
 def test_the_legend_names_what_is_drawn_and_nothing_else(given, words_of_it):
     nothing = {"heat": None, "earlier": False, "standing": False, "ghost": False}
-    plain = charts.legend(**nothing, obstacles=False)
+    plain = charts.colour_legend(**nothing, obstacles=False)
     assert words_of_it not in plain
     assert "plain blue" in plain
-    drawn = charts.legend(**{**nothing, "obstacles": False, **given})
+    drawn = charts.colour_legend(**{**nothing, "obstacles": False, **given})
     assert words_of_it in drawn
     assert ("plain blue" in drawn) == ("heat" not in given)
