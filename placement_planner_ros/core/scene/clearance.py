@@ -108,7 +108,7 @@ class ClearanceField:
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
         self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
-        runs = _runs(_counted(obstacles.points, volume, beyond), slope)
+        runs = _vertical_runs(_counted_points(obstacles.points, volume, beyond), slope)
         low, high = volume.lower[:2] - padding, volume.upper[:2] + padding
         sides = high - low
         pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
@@ -121,7 +121,7 @@ class ClearanceField:
         before = np.maximum(-np.nan_to_num(first, posinf=0.0), 0.0).astype(np.int64)
         after = np.maximum(np.nan_to_num(last, neginf=0.0) - kept + 1, 0.0).astype(np.int64)
         rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
-        faces, number = _slices(runs.end, float(volume.lower[2] - rises.max(axis=0).sum()))
+        faces, number = _slices_of_ends(runs.end, float(volume.lower[2] - rises.max(axis=0).sum()))
         order = np.argsort(-number, kind="stable")
         ordered = Runs(*(np.ascontiguousarray(each[order]) for each in runs))
         values = _fill_slices(
@@ -141,11 +141,11 @@ class ClearanceField:
 
     def distance(self, points: Array) -> Array:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
-        return np.asarray(_distances(self._table, _contiguous(points))[:, 0])
+        return np.asarray(_point_distances(self._table, _contiguous_view(points))[:, 0])
 
     def gradient(self, points: Array) -> Array:
         """(n, 2) ∂d_S/∂x and ∂d_S/∂y at the (n, 3) points, of the interpolation itself."""
-        return np.asarray(_distances(self._table, _contiguous(points))[:, 1:])
+        return np.asarray(_point_distances(self._table, _contiguous_view(points))[:, 1:])
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
@@ -166,11 +166,11 @@ class ClearanceField:
         """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
         0, which takes less time."""
         return _mean_clearance(
-            self._table, _contiguous(T_world_object), _contiguous(points), slopes
+            self._table, _contiguous_view(T_world_object), _contiguous_view(points), slopes
         )
 
 
-def _counted(
+def _counted_points(
     points: npt.NDArray[np.floating], volume: TargetVolume, beyond: float
 ) -> npt.NDArray[np.floating]:
     """Those of the points (n, 3) that lie in V, grown on all sides."""
@@ -184,7 +184,7 @@ def _counted(
     return points[counted]
 
 
-def _runs(points: npt.NDArray[np.floating], slope: Slope) -> Runs:
+def _vertical_runs(points: npt.NDArray[np.floating], slope: Slope) -> Runs:
     """Of points (n, 3); heights are those above a plane of the slope."""
     if len(points) == 0:
         return Runs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -203,7 +203,7 @@ def _runs(points: npt.NDArray[np.floating], slope: Slope) -> Runs:
     return Runs(at, bottom, end)
 
 
-def _slices(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
+def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
     """Faces of the slices, the lowest first, and the slice that each run ends at.
 
     Heights at which few runs end, near to others, are joined with these, as by Ward. From `low` on
@@ -234,7 +234,7 @@ def _slices(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
     return faces, (parts.cumsum() - 1)[group[of_run]]
 
 
-def _contiguous(values: Array) -> Array:
+def _contiguous_view(values: Array) -> Array:
     """Read-only, so that a kernel compiles once, whatever it is given."""
     view = np.ascontiguousarray(values, dtype=np.float64).view()
     view.setflags(write=False)
@@ -249,7 +249,7 @@ def _square_to(runs: Runs, k: int, x: float, y: float, z: float) -> float:
 
 
 @kernel(lean=True)
-def _take(
+def _take_run(
     runs: Runs, k: int, i: int, j: int, place: tuple[float, float, float], near: Array, who: Index
 ) -> None:
     """Take run k, if there is one, for the nearest of pixel (i, j), at a place, where it is."""
@@ -297,7 +297,7 @@ def _fill_slices(
             i = min(max(int((runs.at[run, 0] - origin[0]) / pixel + 0.5), 0), nx - 1)
             j = min(max(int((runs.at[run, 1] - origin[1]) / pixel + 0.5), 0), ny - 1)
             place = origin[0] + i * pixel, origin[1] + j * pixel, z
-            _take(runs, run, i, j, place, near, who)
+            _take_run(runs, run, i, j, place, near, who)
             run += 1
         # two sweeps hand the nearest on
         for sweep in range(2):
@@ -310,12 +310,12 @@ def _fill_slices(
                     place = x, origin[1] + j * pixel, z
                     if 0 <= m < nx:
                         for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            _take(runs, who[m, n], i, j, place, near, who)
+                            _take_run(runs, who[m, n], i, j, place, near, who)
                     if j > 0:
-                        _take(runs, who[i, j - 1], i, j, place, near, who)
+                        _take_run(runs, who[i, j - 1], i, j, place, near, who)
                 for j in range(ny - 2, -1, -1):
                     place = x, origin[1] + j * pixel, z
-                    _take(runs, who[i, j + 1], i, j, place, near, who)
+                    _take_run(runs, who[i, j + 1], i, j, place, near, who)
         for i in range(kept[0]):
             x = origin[0] + (i + first[0]) * pixel
             for j in range(kept[1]):
@@ -342,7 +342,7 @@ def _slice_of(faces: Array, z: float) -> int:
 
 
 @kernel(lean=True)
-def _around(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Mean of d_S over a voxel's height around a point, and its change along x and y."""
     values, faces = table.values, table.faces
     nx, ny, slices = values.shape[0], values.shape[1], values.shape[2]
@@ -378,11 +378,11 @@ def _around(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float,
 
 
 @kernel(nogil=True)
-def _distances(table: ClearanceTable, points: Array) -> Array:
+def _point_distances(table: ClearanceTable, points: Array) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
     for p in range(len(points)):
-        d, gx, gy = _around(table, points[p, 0], points[p, 1], points[p, 2])
+        d, gx, gy = _voxel_mean(table, points[p, 0], points[p, 1], points[p, 2])
         result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
     return result
 
@@ -413,7 +413,7 @@ def _mean_clearance(
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
             up = max(rz, least) + T[2, 3]
-            d, gx, gy = _around(table, rx + T[0, 3], ry + T[1, 3], up)
+            d, gx, gy = _voxel_mean(table, rx + T[0, 3], ry + T[1, 3], up)
             total += d
             if slopes:
                 along_x += gx

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.binning import Bins
-from placement_planner_ros.core.scene.curved import scatter_about_curved
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
@@ -26,8 +25,6 @@ _MIN_SURFACE_POINTS = 20
 """Neighbourhoods with fewer points say nothing about the noise: sparse is not noisy, ..."""
 _MIN_SURFACES = 0.2
 """... and at least this share of all must be such surfaces."""
-_CURVED = 0.0003
-"""m about planes, up to which surfaces that curve pass for noisy ones."""
 _PLANE_SCATTER = 2.0
 """A neighbourhood is a plane if its points scatter by less than this times the noise."""
 _MORE_SCATTER = 1.4
@@ -49,7 +46,9 @@ _AGREE = 0.8
 
 
 @kernel(nogil=True)
-def connected(bins: Bins, counts: npt.NDArray[np.int64], min_points: int) -> npt.NDArray[np.bool_]:
+def connected_cells(
+    bins: Bins, counts: npt.NDArray[np.int64], min_points: int
+) -> npt.NDArray[np.bool_]:
     """(m,) False for cells in pieces of at most two cells with fewer than `min_points` points.
 
     A cell is in such a piece where it has no neighbour, or one that has no other.
@@ -148,11 +147,11 @@ def plane_around(
 
     `plane` (8,) is filled as by `_fit`, about the cell's centre.
     """
-    return _fit(_moments_around(moments, bins, size, r, reach), plane)
+    return _fit_moments(_moments_around(moments, bins, size, r, reach), plane)
 
 
 @kernel(lean=True)
-def _fit(
+def _fit_moments(
     moments: tuple[float, float, float, float, float, float, float, float, float, float],
     plane: Array,
 ) -> float:
@@ -204,7 +203,7 @@ def _fit(
 
 
 @kernel(nogil=True)
-def _scatter(
+def _plane_scatter(
     moments: Array,
     bins: Bins,
     size: float,
@@ -230,26 +229,23 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a
-    quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts. Where
-    points scatter by as little as what is slightly curved, they are held against curved surfaces.
+    quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
     moments = cell_moments(bins, origin, size)
-    around = _scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
+    around = _plane_scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
     if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
         return 0.0
-    noise = _typical(around)
-    alone = _scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
+    noise = _typical_scatter(around)
+    alone = _plane_scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):
         within = float(np.quantile(alone, 0.25))
         if within < 0.1 * float(np.median(around)):
             noise = within
-    if 0.0 < noise <= _CURVED:
-        noise = min(noise, _typical(scatter_about_curved(bins, 1)))
     return noise
 
 
-def _typical(scatter: Array) -> float:
+def _typical_scatter(scatter: Array) -> float:
     """Median, or the first quartile where that is less than a tenth of it; 0 of nothing."""
     if len(scatter) == 0:
         return 0.0
@@ -258,7 +254,7 @@ def _typical(scatter: Array) -> float:
 
 
 @kernel(lean=True)
-def _trim(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> float:
+def _trim_plane(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> float:
     """Fit `plane` (8,) anew to those points around cell r that are within `reach` of it.
 
     Args:
@@ -298,7 +294,7 @@ def _trim(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> floa
                     yz += y * z
     if n < _MIN_PLANE_POINTS:
         return n
-    return _fit((n, sx, sy, sz, xx, yy, zz, xy, xz, yz), plane)
+    return _fit_moments((n, sx, sy, sz, xx, yy, zz, xy, xz, yz), plane)
 
 
 @kernel(nogil=True)
@@ -324,7 +320,7 @@ def _fit_planes(
             center[a] = origin[a] + (cells[r, a] + 0.5) * size
         if n >= _MIN_PLANE_POINTS and _TRIMMED * noise < plane[6] <= _PLANE_SCATTER * noise:
             for _ in range(_TRIMS):
-                _trim(bins, r, center, _OTHER * noise, plane)
+                _trim_plane(bins, r, center, _OTHER * noise, plane)
         for a in range(3):
             planes[r, a] = plane[a] + center[a]
             planes[r, 3 + a] = plane[3 + a]
@@ -351,7 +347,7 @@ def _fit_planes(
 
 
 @kernel(lean=True)
-def residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
+def plane_residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
     """Distance of a point beyond plane q, metres."""
     return (
         planes[q, 3] * (x - planes[q, 0])
@@ -361,7 +357,7 @@ def residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
 
 
 @kernel(lean=True)
-def _nearer(
+def _nearer_plane(
     planes: Array,
     candidates: npt.NDArray[np.int64],
     first: int,
@@ -374,7 +370,7 @@ def _nearer(
 ) -> tuple[int, float]:
     """The nearest plane among candidates[first:last] where nearer than `best`, and its distance."""
     for c in range(first, last):
-        d = residual(planes, candidates[c], x, y, z)
+        d = plane_residual(planes, candidates[c], x, y, z)
         if abs(d) < abs(distance):
             best = candidates[c]
             distance = d
@@ -382,7 +378,7 @@ def _nearer(
 
 
 @kernel(lean=True)
-def gather(
+def gather_planes(
     bins: Bins,
     flat: npt.NDArray[np.bool_],
     r: int,
@@ -407,7 +403,7 @@ def gather(
 
 
 @kernel(nogil=True)
-def _project(
+def _project_points(
     bins: Bins,
     planes: Array,
     flat: npt.NDArray[np.bool_],
@@ -432,20 +428,22 @@ def _project(
             best = -1
             distance = reach
             if flat[r]:
-                d = residual(planes, r, x, y, z)
+                d = plane_residual(planes, r, x, y, z)
                 if abs(d) <= reach:
                     best = r
                     distance = d
             # ... or the nearest beside it, ...
             if near < 0 and (best < 0 or abs(distance) > 0.4 * reach):
-                near = gather(bins, flat, r, 1, candidates, 0)
+                near = gather_planes(bins, flat, r, 1, candidates, 0)
             if best < 0:
-                best, distance = _nearer(planes, candidates, 0, near, x, y, z, best, distance)
+                best, distance = _nearer_plane(planes, candidates, 0, near, x, y, z, best, distance)
             # ... or, where none is close, one cell further
             if best < 0 or abs(distance) > 0.4 * reach:
                 if far < 0:
-                    far = gather(bins, flat, r, 2, candidates, near)
-                best, distance = _nearer(planes, candidates, near, far, x, y, z, best, distance)
+                    far = gather_planes(bins, flat, r, 2, candidates, near)
+                best, distance = _nearer_plane(
+                    planes, candidates, near, far, x, y, z, best, distance
+                )
             if best >= 0:
                 explained[p] = True
                 for a in range(3):
@@ -486,7 +484,7 @@ def _put_back(points: Array, moved: Array, first: int, last: int, noise: float) 
 
 
 @kernel(nogil=True)
-def strays(
+def stray_points(
     bins: Bins,
     explained: npt.NDArray[np.bool_],
     min_points: int,
@@ -517,7 +515,7 @@ def strays(
     return stray
 
 
-def project(
+def project_points(
     bins: Bins,
     origin: Array,
     size: float,
@@ -534,6 +532,6 @@ def project(
     """
     moments = cell_moments(bins, origin, size)
     planes, flat = _fit_planes(moments, bins, size, origin, noise)
-    moved, explained = _project(bins, planes, flat, _REACH * noise, lower, upper)
-    moved[strays(bins, explained, min_points)] = np.nan
+    moved, explained = _project_points(bins, planes, flat, _REACH * noise, lower, upper)
+    moved[stray_points(bins, explained, min_points)] = np.nan
     return moved

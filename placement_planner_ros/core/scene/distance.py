@@ -76,7 +76,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     step = cap / _LEVELS
     tiles = [-(-cells // _TILE) for cells in obstacles.shape]
     steps = int(cap / obstacles.cell_size + 0.5) + 1
-    first_cell, reached = _reached(obstacles, steps)
+    first_cell, reached = _reached_cells(obstacles, steps)
     # memory of numpy's takes less time to get than that of kernels
     levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
     per_metre = (1.0 - _ROUNDING) / step
@@ -88,7 +88,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     )
 
 
-def _reached(
+def _reached_cells(
     obstacles: ObstacleSet, steps: int
 ) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
     """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
@@ -249,10 +249,10 @@ def _put_levels(
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     # planes i - 2 .. i + 2, cyclic, with two cells before each column and room for `_SCATTERED`
     exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
-    _fill_all(levels, boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
+    _fill_all(levels, boxes.number_at.shape, _level_of(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
-    line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
+    line = np.full(_TILE * tiles, _level_of(farthest, np.float32(per_metre)), np.uint8)
     line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
     apart = np.full((3, _SCATTERED), np.inf)
@@ -260,13 +260,13 @@ def _put_levels(
     m = len(boxes.cells)
     for plane in range(nx + 2):
         while row < m and boxes.cells[row, 0] - i == plane:
-            _scatter(boxes, row, first_cell, apart, exact, nx)
+            _scatter_box(boxes, row, first_cell, apart, exact, nx)
             row += 1
         done = plane - 2
         if done >= 0:
             near = exact[done % 5]
             for y in range(ny):
-                _finish(squared[done, y], near[y, 2:], np.float32(per_metre), line)
+                _finish_line(squared[done, y], near[y, 2:], np.float32(per_metre), line)
                 column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
@@ -289,21 +289,21 @@ def _fill_all(levels: Levels, shape: tuple[int, int, int], level: np.uint8) -> N
 
 
 @kernel(lean=True)
-def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
+def _finish_line(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
     """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
         value = least[k] if squared[k] < least[k] else squared[k]
-        levels[k] = _level(value, per_metre)
+        levels[k] = _level_of(value, per_metre)
 
 
 @kernel(inline=True)
-def _level(squared: np.float32, per_metre: np.float32) -> np.uint8:
+def _level_of(squared: np.float32, per_metre: np.float32) -> np.uint8:
     """The root, rounded down to a level."""
     return np.uint8(min(math.sqrt(squared) * per_metre, np.float32(_LEVELS)))
 
 
 @kernel(lean=True)
-def _scatter(
+def _scatter_box(
     boxes: ObstacleArrays,
     row: int,
     first_cell: tuple[int, int, int],

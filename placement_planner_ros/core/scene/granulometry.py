@@ -29,8 +29,6 @@ AREA_PER_POINT = 0.15
 """Times the radius' square that the closed area of each point is, at least: else they are apart."""
 FEWEST_POINTS = 12
 """Points in a tile that show their spacing."""
-LADDER = 1.08
-"""Ratio of radii that are tried one after the other."""
 
 
 def chance_radius(widest: Field, points: Array, pixel: float, least: float, most: float) -> Field:
@@ -44,10 +42,10 @@ def chance_radius(widest: Field, points: Array, pixel: float, least: float, most
     """
     side = max(1, round(TILE_M / pixel))
     tiles = -(-widest.shape[0] // side), -(-widest.shape[1] // side)
-    steps = int(np.ceil(np.log(most / least) / np.log(LADDER))) + 1
-    apart = round(np.log(GROWTH) / np.log(LADDER))
+    apart = 3  # radii that are tried from one look to the next
+    steps = int(np.ceil(apart * np.log(most / least) / np.log(GROWTH))) + 1
     # a pixel is as wide as what holds one point by itself
-    radii = max(least / WIDEST, pixel) * LADDER ** np.arange(steps + apart)
+    radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
     # closed area of each tile and those around it, up to each radius
     tile = np.add.outer(
         np.arange(widest.shape[0]) // side * tiles[1], np.arange(widest.shape[1]) // side
@@ -56,11 +54,11 @@ def chance_radius(widest: Field, points: Array, pixel: float, least: float, most
     known = step < len(radii)
     key = tile.ravel()[known] * len(radii) + step[known]
     count = np.bincount(key, minlength=tiles[0] * tiles[1] * len(radii))
-    closed = _around(count.reshape(*tiles, len(radii))).cumsum(axis=2) * pixel**2
+    closed = _tile_sums(count.reshape(*tiles, len(radii))).cumsum(axis=2) * pixel**2
     # and how many points there are
     i, j = np.clip(points / side, 0, np.array(tiles) - 1).astype(np.int64).T
     count = np.bincount(i * tiles[1] + j, minlength=tiles[0] * tiles[1])
-    number = _around(count.reshape(*tiles, 1))
+    number = _tile_sums(count.reshape(*tiles, 1))
     now, later = closed[..., :-apart], closed[..., apart:]
     stays = (later <= STAYS * now) & (now >= AREA_PER_POINT * number * radii[: now.shape[2]] ** 2)
     first = np.where(stays.any(axis=2), stays.argmax(axis=2), now.shape[2] - 1)
@@ -70,6 +68,6 @@ def chance_radius(widest: Field, points: Array, pixel: float, least: float, most
     return found[: widest.shape[0], : widest.shape[1]].astype(np.float32)
 
 
-def _around(tiles: npt.NDArray[np.int64]) -> Array:
+def _tile_sums(tiles: npt.NDArray[np.int64]) -> Array:
     """(m, n, k) sums over each tile and the eight around it."""
     return np.asarray(9.0 * uniform_filter(tiles.astype(np.float64), (3, 3, 1), mode="constant"))

@@ -415,7 +415,7 @@ def _cleaned(
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
     if min_points > 1:
-        keep = denoising.connected(bins, counts, min_points)
+        keep = denoising.connected_cells(bins, counts, min_points)
         if not keep.all():
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
@@ -423,6 +423,6 @@ def _cleaned(
     if noise <= settings.noise_floor:
         return bins, 0.0
     for _ in range(2):  # the second time from planes that the first has made sharper
-        points = denoising.project(bins, origin, size, noise, min_points, lower, upper)
+        points = denoising.project_points(bins, origin, size, noise, min_points, lower, upper)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
     return bins, noise

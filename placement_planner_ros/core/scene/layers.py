@@ -59,8 +59,6 @@ HEIGHT_WINDOW_M = 0.025
 """m, side of the square over which heights of noisy points are averaged."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
-BESIDE_M = 0.0025
-"""m, half of what points that touch are apart: what lies so near to one is under the object."""
 SHEET_M = 0.0015
 """m below the highest point beside it from which on a point is not of the surface's top."""
 
@@ -109,7 +107,9 @@ class SlopeCloud:
         sights: Sequence[View] = (),
     ) -> None:
         self.tops, self.cell_size = tops, cell_size
-        near = _within(points[:, :2], volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M)
+        near = _points_within(
+            points[:, :2], volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
+        )
         heights = points[:, 2] - points[:, :2] @ np.array(slope)
         # no further below and above surfaces than anything is looked for there
         low, high = np.min(tops[:, 2], initial=np.inf), np.max(tops[:, 2], initial=-np.inf)
@@ -135,7 +135,9 @@ class SlopeCloud:
         filled = np.zeros(cells.max(axis=0) + 3, np.bool_)
         filled[tuple(cells.T)] = True
         filled = maximum_filter(filled, 3)
-        kept = np.flatnonzero(_within(points, low, low + self.cell_size * np.array(filled.shape)))
+        kept = np.flatnonzero(
+            _points_within(points, low, low + self.cell_size * np.array(filled.shape))
+        )
         i, j = ((points[kept] - low) / self.cell_size).astype(np.int64).T
         kept = kept[filled[i.clip(max=len(filled) - 1), j.clip(max=filled.shape[1] - 1)]]
         return points[kept], heights[kept], len(near)
@@ -187,7 +189,7 @@ class _Raster:
     def at(self, points: Array) -> Array:
         """(n, 2) in pixels, of those points (k, 2) that are on the raster."""
         at = (points - self.origin) / self.pixel
-        return at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
+        return at[_points_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
 
     def middles(self, at: Array) -> Array:
         """(m, 2) the mean of the points (n, 2) in each pixel that has any."""
@@ -230,7 +232,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         return None
     rise_from = max(band, RISE_FROM_M)
     over, over_heights = cloud.between(height + rise_from, height + headroom)
-    raster = _Raster(on, _pixel(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
+    raster = _Raster(on, _pixel_side(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
     pixel = raster.pixel
     near = raster.at(over[over_heights <= height + rise_from + RISE_TO_M - RISE_FROM_M])
     at, rises = raster.at(on), raster.middles(near)
@@ -238,8 +240,10 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     # gaps that are wider than chance explains, as discs around their pixels
     to_point = raster.distance(np.vstack([middles, rises]))
     ended, passed = (raster.at(rays) for rays in cloud.rays(height, band))
-    radius = _chance(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
-    radius = np.where(_whole(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel))
+    radius = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
+    radius = np.where(
+        _whole_surface(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel)
+    )
     gap = np.where(to_point > radius, to_point, np.float32(0.0))
     if len(passed):
         i, j = (raster.middles(passed) + 0.5).astype(np.int64).T
@@ -252,7 +256,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
         to_surface = raster.distance(raster.middles(at[plain]))
         from_end = _from_discs(raster, np.where(to_surface <= to_rise, gap, np.float32(0.0)))
-    surface, top = _heights(raster, at, heights, plain, noise, radius, inside)
+    surface, top = _layer_heights(raster, at, heights, plain, noise, radius, inside)
     return Layer(
         height,
         raster.origin,
@@ -261,17 +265,19 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         from_end * np.float32(pixel),
         surface,
         top,
-        _roofed(raster, over, radius),
+        _roofed_pixels(raster, over, radius),
     )
 
 
-def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> npt.NDArray[np.bool_]:
+def _points_within(
+    points: npt.NDArray[np.floating], low: Array, high: Array
+) -> npt.NDArray[np.bool_]:
     """(n,) which points (n, 2) lie between two corners, the upper one left out."""
     x, y = points[:, 0], points[:, 1]
     return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
 
 
-def _pixel(cloud: SlopeCloud, points: Array, tops: int) -> float:
+def _pixel_side(cloud: SlopeCloud, points: Array, tops: int) -> float:
     """m: about half of what the points are apart, coarser where the layer is large or noisy."""
     if cloud.noise > 0.0:
         return PIXEL_M[1]
@@ -280,7 +286,7 @@ def _pixel(cloud: SlopeCloud, points: Array, tops: int) -> float:
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
 
 
-def _chance(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
+def _chance_discs(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
     """(nx, ny) pixels: the radius of the widest disc without points that chance may explain."""
     pixel = raster.pixel
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
@@ -288,7 +294,7 @@ def _chance(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
     return np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
 
 
-def _whole(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[np.bool_]:
+def _whole_surface(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[np.bool_]:
     """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
     if len(ended) == 0:
         return np.zeros(raster.shape, np.bool_)
@@ -306,7 +312,7 @@ def _from_discs(raster: _Raster, gap: Field) -> Field:
     return raster.distance(centres, gap[i, j].astype(np.float64))
 
 
-def _heights(
+def _layer_heights(
     raster: _Raster,
     at: Array,
     heights: Array,
@@ -339,12 +345,13 @@ def _heights(
     if noise > 0.0:  # single points say nothing
         many, sums = (raster.sums(cell, (heights - low) ** p, TOP_WINDOW_M) for p in range(2))
         top = np.where(many > FEWEST_ON_TOP - 0.5, sums / np.maximum(many, 1.0) + low, -np.inf)
-    beside = 2 * int(np.ceil(BESIDE_M / raster.pixel)) + 1
+    # what lies within a coarse pixel beside a point that touches is under the object
+    beside = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
     highest = maximum_filter(top.reshape(raster.shape), beside)
     return surface.astype(np.float32), highest.astype(np.float32)
 
 
-def _roofed(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_]:
+def _roofed_pixels(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_]:
     """(nx, ny) whether points above close over a pixel."""
     above = raster.at(over)
     if len(above) == 0:

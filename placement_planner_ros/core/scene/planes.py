@@ -39,7 +39,7 @@ _NARROWEST = 1.0
 _ON_PLANE = 0.001
 """m from a plane at most of what belongs to it, in a clean cloud."""
 _ALIKE = 0.0017
-"""Slopes that differ by no more are one: 0.5 mm over a region's longest side."""
+"""Slopes that differ by no more are one, so `max_slope` is kept to that: 0.5 mm over 0.3 m."""
 _SURE = 3.0
 """Standard deviations beyond which noise does not explain a slope."""
 _TOGETHER = 9.0
@@ -52,8 +52,6 @@ MAX_TILT = 0.06
 """Slope against its plane from which on what goes on so on both sides is not of it."""
 LEVEL_BESIDE = 2
 """Columns beside a top, of eight, that are as high, at least: a ledge goes on at both ends."""
-_MEASURED = 0.0017
-"""rad that a measured slope may lie above `max_slope`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +129,7 @@ class Planes:
             headroom: m that are free above a surface.
             max_slope: rad, steeper ones carry nothing.
         """
-        found, label, means, free = _find(obstacles, volume, headroom)
+        found, label, means, free = _find_planes(obstacles, volume, headroom)
         slopes: list[Slope] = []
         steep: list[Plane] = []
         owner_of = np.full(len(found) + 1, UNOWNED, np.int64)  # the last stands for none
@@ -141,7 +139,7 @@ class Planes:
             if not plane.tells_apart(LEVEL, skin):
                 owner_of[k] = 0
                 continue
-            if steepness(plane.slope) > max_slope + _MEASURED:
+            if steepness(plane.slope) > max_slope + _ALIKE:
                 owner_of[k] = STEEP
                 steep.append(plane)
                 continue
@@ -227,13 +225,13 @@ def _step_to(
     return best
 
 
-def _find(
+def _find_planes(
     obstacles: ObstacleSet, volume: TargetVolume, headroom: float
 ) -> tuple[list[Plane], Index, Array, npt.NDArray[np.bool_]]:
     """The planes, which of them each box lies in (-1: none), the means (m, 3) of the boxes, and
     which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    means = _means(obstacles, tolerance)
+    means = _top_means(obstacles, tolerance)
     around = np.array([_AROUND, _AROUND, _BESIDE])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
     free = free_tops(obstacles.arrays, headroom, tolerance)
@@ -241,9 +239,11 @@ def _find(
     fits = _local_fits(obstacles.arrays, means, used, max(_ON_PLANE, tolerance))
     order = np.argsort(fits[:, 3], kind="stable")
     order = order[np.isfinite(fits[order, 3])]
-    label, moments = _grow(obstacles.arrays, means, used, fits, order, max(_ON_PLANE, tolerance))
+    label, moments = _grow_planes(
+        obstacles.arrays, means, used, fits, order, max(_ON_PLANE, tolerance)
+    )
     least = _LEFT * obstacles.noise
-    found = [_plane(row, obstacles.cell_size, least) for row in moments]
+    found = [_plane_of(row, obstacles.cell_size, least) for row in moments]
     narrow = (_NARROWEST * obstacles.cell_size) ** 2
     wide = np.array([float(np.linalg.eigvalsh(each.spread)[0]) >= narrow for each in found], bool)
     number = np.append(np.where(wide, wide.cumsum() - 1, -1), -1)  # the last stands for none
@@ -255,7 +255,7 @@ def _find(
     )
 
 
-def _means(obstacles: ObstacleSet, band: float) -> Array:
+def _top_means(obstacles: ObstacleSet, band: float) -> Array:
     """(m, 3) mean of the points of each box that are no further than the band below the highest."""
     first = obstacles.first_point[:-1]
     if len(first) == 0:
@@ -267,7 +267,7 @@ def _means(obstacles: ObstacleSet, band: float) -> Array:
     return np.asarray(total / np.add.reduceat(on_top, first, dtype=np.float64)[:, None])
 
 
-def _plane(row: Array, cell_size: float, least: float) -> Plane:
+def _plane_of(row: Array, cell_size: float, least: float) -> Plane:
     """From the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it.
 
     Args:
@@ -290,7 +290,7 @@ def _plane(row: Array, cell_size: float, least: float) -> Plane:
 
 
 @kernel(lean=True)
-def _covers(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
+def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
     """Whether box q takes much of the room above the top of box p.
 
     A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
@@ -323,7 +323,7 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
             q = boxes.number_at[cells[p, 0], cells[p, 1], k] - 1
             while q >= 0 and not blocked:
-                blocked = q != p and _covers(boxes, q, p, headroom, tolerance)
+                blocked = q != p and _covers_top(boxes, q, p, headroom, tolerance)
                 q = boxes.next[q]
             if blocked:
                 break
@@ -332,7 +332,7 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
 
 
 @kernel(lean=True)
-def _solve(moments: Array) -> tuple[float, float, float, bool]:
+def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
     """Slope and scatter of the plane of ten moments (see `_plane`); whether there is one."""
     number = moments[0]
     xx, xy, yy = moments[4] / number, moments[5] / number, moments[6] / number
@@ -345,7 +345,7 @@ def _solve(moments: Array) -> tuple[float, float, float, bool]:
 
 
 @kernel(lean=True)
-def _add(moments: Array, x: float, y: float, z: float) -> None:
+def _add_moment(moments: Array, x: float, y: float, z: float) -> None:
     """One point more: mean and second moments about it (Welford)."""
     moments[0] += 1.0
     dx, dy, dz = x - moments[1], y - moments[2], z - moments[3]
@@ -384,11 +384,11 @@ def _local_fits(
                         dx, dy, dz = means[q, 0] - x, means[q, 1] - y, means[q, 2] - z
                         far = _STEEPEST * math.sqrt(dx * dx + dy * dy) + tolerance
                         if used[q] and abs(dz) <= far:
-                            _add(moments, means[q, 0], means[q, 1], means[q, 2])
+                            _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
                         q = boxes.next[q]
         if moments[0] < _FEWEST:
             continue
-        gx, gy, scatter, stands = _solve(moments)
+        gx, gy, scatter, stands = _solve_slope(moments)
         if stands and gx * gx + gy * gy <= _STEEPEST * _STEEPEST:
             fits[p, 0] = moments[3] - gx * moments[1] - gy * moments[2]
             fits[p, 1], fits[p, 2], fits[p, 3] = gx, gy, scatter
@@ -396,7 +396,7 @@ def _local_fits(
 
 
 @kernel(nogil=True)
-def _grow(
+def _grow_planes(
     boxes: ObstacleArrays,
     means: Array,
     used: npt.NDArray[np.bool_],
@@ -423,7 +423,7 @@ def _grow(
         if abs(means[seed, 2] - height - gx * means[seed, 0] - gy * means[seed, 1]) > tolerance:
             continue
         moments[:] = 0.0
-        _add(moments, means[seed, 0], means[seed, 1], means[seed, 2])
+        _add_moment(moments, means[seed, 0], means[seed, 1], means[seed, 2])
         label[seed] = count
         queue[0] = seed
         head, tail, anew = 0, 1, 2 * _FEWEST
@@ -443,15 +443,15 @@ def _grow(
                                 label[q] = count
                                 queue[tail] = q
                                 tail += 1
-                                _add(moments, means[q, 0], means[q, 1], means[q, 2])
+                                _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
                             q = boxes.next[q]
             if tail >= anew:
                 anew = tail + tail // 4
-                a, b, _, stands = _solve(moments)
+                a, b, _, stands = _solve_slope(moments)
                 if stands:
                     gx, gy = a, b
                     height = moments[3] - gx * moments[1] - gy * moments[2]
-        _, _, _, stands = _solve(moments)
+        _, _, _, stands = _solve_slope(moments)
         if tail >= _FEWEST and stands:
             found[count] = moments
             count += 1

@@ -16,9 +16,6 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, 
 
 Mask = npt.NDArray[np.bool_]
 
-SMALLEST_M2 = 1e-12
-"""m² of area below which a part of a region is left out."""
-
 
 @dataclass(frozen=True, slots=True)
 class RegionSettings(Settings):
@@ -91,7 +88,7 @@ class Region:
         upper = np.minimum(self.rectangles[:, None, 2:], section[:, 1])
         parts = np.concatenate([lower, upper], axis=2).reshape(-1, 4)
         width, depth = parts[:, 2] - parts[:, 0], parts[:, 3] - parts[:, 1]
-        parts = parts[(width > 0.0) & (depth > 0.0) & (width * depth > SMALLEST_M2)]
+        parts = parts[np.minimum(width, depth) > 1e-9]  # m: what rounding leaves
         return Region(parts, self.z, self.slope) if len(parts) else None
 
     def split(self) -> tuple[Region, ...]:
@@ -168,11 +165,11 @@ def regions_of_layer(
     mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.roofed
     # what slopes may lie in V in part
     flat = disjoint_rectangles(volume.joined[:, :, :2])
-    mask &= _over(layer, flat)
+    mask &= _pixels_over(layer, flat)
     labels, number = label(mask, np.ones((3, 3)))
     regions = []
     for piece, bounds in enumerate(find_objects(labels, number), 1):
-        for tile in _tiles(bounds, settings.max_side / layer.pixel):
+        for tile in _tiles_of(bounds, settings.max_side / layer.pixel):
             of_tile, parts = label(labels[tile] == piece, np.ones((3, 3)))
             for part in range(1, parts + 1):
                 own = of_tile == part
@@ -181,13 +178,13 @@ def regions_of_layer(
                 z = float(np.median(layer.surface[tile][own]))
                 section = volume.section(z) if slope == LEVEL else flat
                 corner = np.array([tile[0].start, tile[1].start])
-                region = Region(_rectangles(own, corner, layer), z, slope).within(section)
+                region = Region(_mask_rectangles(own, corner, layer), z, slope).within(section)
                 if region is not None and region.area >= settings.min_area:
                     regions.append(region)
     return regions
 
 
-def _over(layer: Layer, rectangles: Array) -> Mask:
+def _pixels_over(layer: Layer, rectangles: Array) -> Mask:
     """(nx, ny) pixels that touch any of the rectangles (k, 2, 2)."""
     over = np.zeros(layer.inside.shape, np.bool_)
     for lower, upper in rectangles:
@@ -197,7 +194,7 @@ def _over(layer: Layer, rectangles: Array) -> Mask:
     return over
 
 
-def _tiles(bounds: tuple[slice, slice], side: float) -> Iterable[tuple[slice, slice]]:
+def _tiles_of(bounds: tuple[slice, slice], side: float) -> Iterable[tuple[slice, slice]]:
     """Tiles of no more than that many pixels along each side that bounds are cut into evenly."""
     ends = []
     for along in bounds:
@@ -208,7 +205,7 @@ def _tiles(bounds: tuple[slice, slice], side: float) -> Iterable[tuple[slice, sl
             yield slice(int(i0), int(i1)), slice(int(j0), int(j1))
 
 
-def _rectangles(mask: Mask, corner: Array, layer: Layer) -> Array:
+def _mask_rectangles(mask: Mask, corner: Array, layer: Layer) -> Array:
     """(k, 4) disjoint rectangles that the pixels of a mask make up, rows that are alike joined.
 
     Args:

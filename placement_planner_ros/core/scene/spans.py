@@ -77,15 +77,15 @@ def spans(environment: Environment, footprint: Footprint, tolerance: float) -> t
             layer = support.layer(height, tolerance)
             if layer is None:
                 continue
-            patches = _patches(layer, environment.measured.cell_size, height, tolerance)
-            for hull, members in _hulls(patches, slope, footprint):
-                found += _tiles(
+            patches = _layer_patches(layer, environment.measured.cell_size, height, tolerance)
+            for hull, members in _patch_hulls(patches, slope, footprint):
+                found += _hull_tiles(
                     patches, slope, hull, members, footprint, environment.volume, settings
                 )
     return largest_regions(found, settings)
 
 
-def _patches(layer: Layer, cell_size: float, height: float, tolerance: float) -> _Patches:
+def _layer_patches(layer: Layer, cell_size: float, height: float, tolerance: float) -> _Patches:
     """What of a layer carries, in squares of about a cell."""
     side = max(1, round(cell_size / layer.pixel))
     shape = [-(-n // side) for n in layer.inside.shape]
@@ -101,7 +101,9 @@ def _patches(layer: Layer, cell_size: float, height: float, tolerance: float) ->
     return _Patches(corner, size, cells, total[held] / count[held], height)
 
 
-def _hulls(patches: _Patches, slope: Slope, footprint: Footprint) -> Iterator[tuple[Array, Index]]:
+def _patch_hulls(
+    patches: _Patches, slope: Slope, footprint: Footprint
+) -> Iterator[tuple[Array, Index]]:
     """Corners (k, 2) of the hull of each group of patches that one object may stand on, and the
     rows of those in it."""
     size, cells = patches.size, patches.cells
@@ -127,7 +129,7 @@ def _hulls(patches: _Patches, slope: Slope, footprint: Footprint) -> Iterator[tu
         yield corners[ConvexHull(corners).vertices], members
 
 
-def _tiles(
+def _hull_tiles(
     patches: _Patches,
     slope: Slope,
     hull: Array,
@@ -150,7 +152,7 @@ def _tiles(
     lower, height = patches.corner + patches.cells[members] * patches.size, patches.height[members]
     near_plane = np.abs(height - patches.plane) <= settings.height_tolerance
     for i in range(number[0]):
-        strips = _strips(hull, x[i], x[i + 1], patches.size)
+        strips = _hull_strips(hull, x[i], x[i + 1], patches.size)
         for j in range(number[1]):
             parts = strips.copy()
             parts[:, 1] = np.maximum(parts[:, 1], y[j])
@@ -169,7 +171,7 @@ def _tiles(
                 yield region
 
 
-def _strips(hull: Array, begin: float, end: float, width: float) -> Array:
+def _hull_strips(hull: Array, begin: float, end: float, width: float) -> Array:
     """(k, 4) rectangles that hold a convex polygon (n, 2), counter-clockwise, from x to x."""
     edges = np.linspace(begin, end, max(1, int(np.ceil((end - begin) / width))) + 1)
     order = np.argsort(hull[:, 0], kind="stable")
@@ -180,7 +182,7 @@ def _strips(hull: Array, begin: float, end: float, width: float) -> Array:
     strips: list[list[float]] = []
     for x0, x1 in itertools.pairwise(edges):
         lowest, highest = (
-            _values(chain, x0, x1, sign) for chain, sign in ((below, -1.0), (above, 1.0))
+            _chain_extreme(chain, x0, x1, sign) for chain, sign in ((below, -1.0), (above, 1.0))
         )
         same = strips and abs(strips[-1][1] - lowest) + abs(strips[-1][3] - highest) <= _SAME
         if same:
@@ -190,7 +192,7 @@ def _strips(hull: Array, begin: float, end: float, width: float) -> Array:
     return np.array(strips)
 
 
-def _values(chain: Array, x0: float, x1: float, sign: float) -> float:
+def _chain_extreme(chain: Array, x0: float, x1: float, sign: float) -> float:
     """The greatest (sign 1) or least (-1) y of a chain of points from x0 to x1."""
     inside = chain[(chain[:, 0] >= x0) & (chain[:, 0] <= x1), 1]
     ends = np.interp([x0, x1], chain[:, 0], chain[:, 1])

@@ -101,7 +101,9 @@ class SupportMap:
                 number = np.full(high - low + 1, NOT_MADE, np.int32)
                 for step, layer in known.items():
                     number[step - low] = layer
-                self._stacks[tolerance] = _stacked(self._layers.get(tolerance, []), low, number)
+                self._stacks[tolerance] = _stacked_layers(
+                    self._layers.get(tolerance, []), low, number
+                )
             return self._stacks[tolerance]
 
     def heights(self, volume: TargetVolume, beside: float, tolerance: float) -> list[float]:
@@ -178,7 +180,7 @@ class SupportMap:
         above = np.ascontiguousarray(self.above(points), dtype=np.float64)
         groups = np.arange(len(points) + 1) if first is None else first
         while True:
-            result, missing = _gaps(above, groups, tolerance, keeps, self._stack(tolerance))
+            result, missing = _surface_gaps(above, groups, tolerance, keeps, self._stack(tolerance))
             if math.isnan(missing):
                 return np.asarray(result)
             self._make(missing, tolerance)
@@ -237,7 +239,9 @@ class SupportMap:
         """
         while True:
             stack = self._stack(tolerance)
-            found, missing = _rising(touching, frames, self.slope, low, planes, tolerance, stack)
+            found, missing = _rising_surfaces(
+                touching, frames, self.slope, low, planes, tolerance, stack
+            )
             if math.isnan(missing):
                 return np.asarray(found)
             self._make(missing, tolerance)
@@ -264,19 +268,17 @@ class SupportMap:
         ]
         found = np.concatenate(bends)
         found = found[np.isfinite(found)]
-        if len(found) < FEWEST_BENDS:
+        if len(found) == 0:
             return self.noise
         deviation = 1.4826 * float(np.median(found)) / math.sqrt(1.5)
         return min(self.noise, SURE * deviation)
 
 
-FEWEST_BENDS = 100
-"""Heights that tell how far noise makes them differ."""
 SURE = 4.0
 """Standard deviations beyond which noise does not explain a difference."""
 
 
-def _stacked(layers: list[Layer], low: int, number: Index) -> LayerStack:
+def _stacked_layers(layers: list[Layer], low: int, number: Index) -> LayerStack:
     sizes = [layer.inside.size for layer in layers]
     starts = np.cumsum([0, *sizes])[: len(layers)]
     layout = [
@@ -312,7 +314,7 @@ def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
 
 
 @kernel(nogil=True)
-def _gaps(
+def _surface_gaps(
     points: Array, first: npt.NDArray[np.int64], tolerance: float, keeps: float, stack: LayerStack
 ) -> tuple[Array, float]:
     """`SupportMap.gaps`, and a height whose layer must be made before; NaN where all are there."""
@@ -340,7 +342,7 @@ def _gaps(
 
 
 @kernel(nogil=True)
-def _rising(
+def _rising_surfaces(
     touching: Array,
     frames: Array,
     slope: Slope,

@@ -65,7 +65,7 @@ def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> in
 
 
 @kernel(lean=True)
-def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -> None:
+def _bound_points(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -> None:
     """`box` (2, 3): the tight box around points[rows[:count]]."""
     for a in range(3):
         box[0, a], box[1, a] = np.inf, -np.inf
@@ -77,7 +77,7 @@ def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -
 
 
 @kernel(lean=True)
-def _volume(box: Array, skin: float) -> float:
+def _box_volume(box: Array, skin: float) -> float:
     """Volume, each side counted as at least `skin`."""
     volume = 1.0
     for a in range(3):
@@ -173,7 +173,7 @@ def _take_side(
 
 
 @kernel(nogil=True)
-def _cut(
+def _cut_box(
     points: Array,
     rows: npt.NDArray[np.int64],
     count: int,
@@ -201,20 +201,20 @@ def _cut(
         if number + 1 == max_boxes or _is_flat(rest, skin):
             boxes[number] = rest
             ends[number + 1] = count
-            volume += _volume(rest, skin)
+            volume += _box_volume(rest, skin)
             number += 1
             break
         # cut off the fullest side
         axis, side = _fullest_side(points, rows[first:], left, rest, skin)
         taken = _take_side(points, rows[first:], left, rest, axis, side, skin, spill)
-        _bound(points, rows[first:], taken, boxes[number])
-        volume += _volume(boxes[number], skin)
+        _bound_points(points, rows[first:], taken, boxes[number])
+        volume += _box_volume(boxes[number], skin)
         number += 1
         ends[number] = first + taken
         if taken == left:
             break
-        _bound(points, rows[first + taken :], left - taken, rest)
-    if volume <= _WORTH_CUTTING * _volume(whole, skin):
+        _bound_points(points, rows[first + taken :], left - taken, rest)
+    if volume <= _WORTH_CUTTING * _box_volume(whole, skin):
         return number
     boxes[0] = whole
     ends[1] = count
@@ -264,9 +264,9 @@ def _tight_boxes(
         count = start[r + 1] - start[r]
         for i in range(count):
             ordered[i] = start[r] + i
-        _bound(points, ordered, count, whole)
+        _bound_points(points, ordered, count, whole)
         if max_boxes > 1 and not _is_flat(whole, skin):
-            number = _cut(points, ordered, count, whole, skin, max_boxes, spill, boxes, ends)
+            number = _cut_box(points, ordered, count, whole, skin, max_boxes, spill, boxes, ends)
         else:
             number = 1
             boxes[0] = whole
@@ -308,7 +308,7 @@ def _tight_boxes(
 
 
 @kernel(lean=True)
-def _gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
+def _axis_gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
     """How far apart boxes p and q are along an axis; negative where they overlap."""
     return max(lower[p, axis] - upper[q, axis], lower[q, axis] - upper[p, axis])
 
@@ -325,7 +325,7 @@ def _one_surface(
     b, c = (axis + 1) % 3, (axis + 2) % 3
     if axis == 0:
         b, c = 1, 2
-    gap_b, gap_c = _gap(lower, upper, p, q, b), _gap(lower, upper, p, q, c)
+    gap_b, gap_c = _axis_gap(lower, upper, p, q, b), _axis_gap(lower, upper, p, q, c)
     wide = 0.5 * cell_size
     for flat in (b, c):
         level, along = (gap_b, gap_c) if flat == b else (gap_c, gap_b)
