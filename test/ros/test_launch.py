@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
 
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.outputs.markers import placement_markers, scene_markers
@@ -213,8 +213,9 @@ def test_rviz_lists_every_namespace_of_the_markers():
     box = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
     volume = TargetVolume(*box)
     body = SimpleNamespace(vertices=np.eye(3), triangles=np.array([[0, 1, 2]]))
-    drawn = scene_markers(FRAME, Time(), volume, box[None], [], [np.eye(3)])
-    drawn += placement_markers(FRAME, Time(), body, pin.SE3.Identity(), box)
+    header = Header(frame_id=FRAME)
+    drawn = scene_markers(header, volume, box[None], [], [np.eye(3)])
+    drawn += placement_markers(header, body, pin.SE3.Identity(), box)
     (display,) = (
         each
         for each in RVIZ["Visualization Manager"]["Displays"]
