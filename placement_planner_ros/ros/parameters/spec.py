@@ -30,24 +30,6 @@ _AN = {"bool": "true or false", "integer": "an integer", "double": "a number", "
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
-    """A parameter of ROS' own, but for its name and words; see `Spec` and `Meaning`."""
-
-    kind: Kind
-    default: Value
-    interval: str = FINITE
-    unit: str = ""
-    choices: tuple[str, ...] = ()
-    startup: bool = False
-    check: Check | None = None
-
-    def spec(self, name: str, words: str) -> Spec:
-        """The parameter of that name with these words."""
-        meaning = Meaning(" ".join(words.split()), self.unit, self.interval, self.choices)
-        return Spec(name, self.kind, self.default, meaning, self.startup, self.check)
-
-
-@dataclass(frozen=True, slots=True)
 class Spec:
     """One parameter.
 
@@ -119,6 +101,21 @@ class Spec:
         if kind != "bool":
             self.meaning.check(self.name, value)
         return {"bool": bool, "string": str, "integer": int, "double": float}[kind](value)
+
+
+def own_spec(
+    name: str,
+    kind: Kind,
+    default: Value,
+    text: str,
+    interval: str = FINITE,
+    unit: str = "",
+    choices: tuple[str, ...] = (),
+    startup: bool = False,
+    check: Check | None = None,
+) -> Spec:
+    """A parameter of ROS' own; see `Spec` and `Meaning`."""
+    return Spec(name, kind, default, Meaning(text, unit, interval, choices), startup, check)
 
 
 def _number_or_list(text: str) -> float | list[float] | str:
