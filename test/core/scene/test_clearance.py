@@ -330,7 +330,7 @@ def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the
     assert np.ptp(np.mean(found, axis=1)) < 2e-3
     inside = points[:, 2] < 0.045
     assert np.abs(np.array(found)[:, inside] - 0.1 - 2.0 * points[inside, 2]).max() < 4e-3
-    assert (np.array(found)[:, points[:, 2] > 0.056] == 0.5).all()
+    assert np.abs(np.array(found)[:, points[:, 2] > 0.056] - 0.5).max() < 1e-12  # rounding
 
 
 def test_a_large_volume_sees_what_is_low():
