@@ -22,7 +22,7 @@ def robot(monkeypatch, tmp_path):
     trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path / "kept")
     made = []
-    for module, name in ((mesh_shapes, "covered_mesh"), (spheres, "_tree")):
+    for module, name in ((mesh_shapes, "covered_mesh"), (spheres, "_one_sphere_tree")):
         original = getattr(module, name)
 
         def counted(*given, original=original, name=name):
@@ -71,11 +71,11 @@ def test_spheres_are_made_once_for_all_processes(robot):
     for _ in range(2):
         shape = link_shapes.link_shapes(read())[0]
         trees.append(spheres.sphere_trees(shape, 0.01))
-        assert made.count("_tree") == len(shape.sets)
+        assert made.count("_one_sphere_tree") == len(shape.sets)
     for one, other in zip(*trees, strict=True):
         assert one is not other
         assert one.excess == other.excess
         for name in ("centers", "radii", "inner", "skip", "leaf"):
             assert np.array_equal(getattr(one, name), getattr(other, name))
     spheres.sphere_trees(shape, 0.02)
-    assert made.count("_tree") == 2 * len(shape.sets)
+    assert made.count("_one_sphere_tree") == 2 * len(shape.sets)
