@@ -129,6 +129,8 @@ class Surroundings:
         """Which of the topics' clouds contradict each other, by those points that are kept."""
         kept, snapshot = self._kept_by_cloud(), self.snapshot
         rows = [i for i, topic in enumerate(snapshot.topics) if topic]
+        if len(rows) < 2:
+            return ()
         return tuple(
             disagreements(
                 [self.clouds[i].points[kept[i]] for i in rows],
