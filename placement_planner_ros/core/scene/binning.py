@@ -59,6 +59,7 @@ def _sort_into_cells(
     n = len(points)
     cell_of = np.empty(n, np.int32)
     flat = number_at.reshape(-1)
+    column_used = np.zeros((nx, ny), np.bool_)
     occupied = 0
     kept = 0
     first_x, first_y, first_z = nx, ny, nz  # of the occupied cells
@@ -84,6 +85,7 @@ def _sort_into_cells(
         kept += 1
         if flat[cell] == 0:
             occupied += 1
+            column_used[ix, iy] = True
             first_x, last_x = min(first_x, ix), max(last_x, ix)
             first_y, last_y = min(first_y, iy), max(last_y, iy)
             first_z, last_z = min(first_z, iz), max(last_z, iz)
@@ -95,6 +97,8 @@ def _sort_into_cells(
     total = 0
     for ix in range(first_x, last_x + 1):
         for iy in range(first_y, last_y + 1):
+            if not column_used[ix, iy]:
+                continue  # memory that nobody has touched
             for iz in range(first_z, last_z + 1):
                 count = number_at[ix, iy, iz]
                 if count == 0:

@@ -113,8 +113,6 @@ def disagreements(
         times: when they were taken, s.
         tolerance: metres that what stands may be off by.
     """
-    if len(clouds) < 2:
-        return []
     surfaces = [_Surfaces.of(points) if len(points) else None for points in clouds]
     found = []
     for i, j in combinations(range(len(clouds)), 2):

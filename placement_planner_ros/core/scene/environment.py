@@ -33,7 +33,12 @@ from placement_planner_ros.core.scene.regions import (
 )
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.thinning import thinned
-from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
+from placement_planner_ros.core.scene.visibility import (
+    AROUND_M,
+    OutsideRobot,
+    SeenSpace,
+    View,
+)
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
@@ -295,12 +300,13 @@ class Environment:
         if bounds is None:  # around the points alone, a level surface had no room above
             bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
         reach = checked_bounds(bounds)
-        held = cropped(*reach, cloud, _RIM_CELLS * grid.cell_size)
-        cloud = cloud[thinned(cloud, grid.cell_size)]
+        held = cropped(*reach, cloud, _RIM_CELLS * grid.cell_size) or (volume.lower, volume.upper)
+        cloud = cloud[thinned(cloud, grid.cell_size, *held)]
         step("making the obstacle set of the clouds")
-        measured = ObstacleSet.from_points(cloud, grid, held or (volume.lower, volume.upper))
+        measured = ObstacleSet.from_points(cloud, grid, held)
         step("finding placement regions")
-        seen = (*views, *sights)
+        around = volume.lower - AROUND_M, volume.upper + AROUND_M
+        seen = tuple(view.towards(*around, grid.cell_size) for view in (*views, *sights))
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []

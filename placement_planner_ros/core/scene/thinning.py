@@ -18,15 +18,23 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _PRIME_X, _PRIME_Y, _PRIME_Z = 73856093, 19349663, 83492791
 
 
-def thinned(points: Array, cell_size: float) -> npt.NDArray[np.int64]:
+def thinned(
+    points: Array, cell_size: float, lower: npt.ArrayLike = -np.inf, upper: npt.ArrayLike = np.inf
+) -> npt.NDArray[np.int64]:
     """Rows, in order, of the (n, 3) points that are kept; those that are not finite are not.
 
     Of a dense cell as many are left as `CELL_POINTS`, evenly spread over its points in the order in
     which they come, and of the cells beside it the same share: whether a point is kept has nothing
     to do with its noise.
+
+    Args:
+        lower, upper: corners (3,) outside of which none are kept.
     """
     slots = 1 << max(math.ceil(math.log2(2 * len(points) + 2)), 4)
-    return np.asarray(_thinned(np.ascontiguousarray(points), cell_size, slots))
+    low, high = (
+        np.broadcast_to(np.asarray(end, np.float64), (3,)).copy() for end in (lower, upper)
+    )
+    return np.asarray(_thinned(np.ascontiguousarray(points), cell_size, low, high, slots))
 
 
 @kernel(lean=True)
@@ -53,7 +61,9 @@ def _slot_of(
 
 
 @kernel(nogil=True)
-def _thinned(points: Array, cell_size: float, slots: int) -> npt.NDArray[np.int64]:
+def _thinned(
+    points: Array, cell_size: float, lower: Array, upper: Array, slots: int
+) -> npt.NDArray[np.int64]:
     """`thinned`; cells are found by a hash table of so many slots, a power of two."""
     n = len(points)
     first_of, number_at = np.empty(n, np.int64), np.zeros(slots, np.int32)
@@ -61,10 +71,12 @@ def _thinned(points: Array, cell_size: float, slots: int) -> npt.NDArray[np.int6
     cells = 0
     # which cell each point is of, and how many each has
     for p in range(n):
-        x, y, z = points[p, 0] / cell_size, points[p, 1] / cell_size, points[p, 2] / cell_size
-        if not math.isfinite(x + y + z):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        if not (
+            lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]
+        ) or math.isinf(x + y + z):  # also where a coordinate is NaN
             continue
-        cell = math.floor(x), math.floor(y), math.floor(z)
+        cell = math.floor(x / cell_size), math.floor(y / cell_size), math.floor(z / cell_size)
         slot = _slot_of(points, cell_size, first_of, number_at, cell)
         if number_at[slot] == 0:
             first_of[cells], count[cells] = p, 0

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.thinning import thinned
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
 Cells = npt.NDArray[np.int32]
@@ -78,6 +79,14 @@ class View:
             raise CloudError("view.hides", np.shape(self.hides), "give one value per point")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "origin", frozen_array(origin))
+
+    def towards(self, lower: Array, upper: Array, cell_size: float) -> View:
+        """The same with only those points whose lines of sight, or what is behind their points on
+        these, lead through a box of corners (3,); no denser there than `thinned` leaves them."""
+        rows, ends = _towards(self.points, self.origin, lower, upper)
+        rows = rows[thinned(ends, cell_size)]
+        hides = None if self.hides is None else self.hides[rows]
+        return View(self.points[rows], self.origin, hides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +254,37 @@ class SeenSpace:
         centers = self.origin + (cells + 0.5) * size
         cells = cells[~outside_robot(centers, math.sqrt(0.75) * size)]
         unknown[tuple(cells.T)] = False
+
+
+@kernel(nogil=True)
+def _towards(
+    points: Array, sensor: Array, lower: Array, upper: Array
+) -> tuple[npt.NDArray[np.int64], Array]:
+    """Rows of points (n, 3) that lie from the sensor in a direction in which the box lies, too;
+    these points, or where their lines of sight leave the box before."""
+    rows, ends = np.empty(len(points), np.int64), np.empty((len(points), 3))
+    count = 0
+    for p in range(len(points)):
+        # from which to which multiple of the way to the point the line is within the box
+        first, final = 0.0, np.inf
+        for a in range(3):
+            along = points[p, a] - sensor[a]
+            low, high = lower[a] - sensor[a], upper[a] - sensor[a]
+            if along > 0.0:
+                first, final = max(first, low / along), min(final, high / along)
+            elif along < 0.0:
+                first, final = max(first, high / along), min(final, low / along)
+            elif not low <= 0.0 <= high:  # also where a coordinate is NaN
+                final = -1.0
+            if not math.isfinite(along):
+                final = -1.0
+        if first <= final:
+            rows[count] = p
+            share = min(final, 1.0)
+            for a in range(3):
+                ends[count, a] = sensor[a] + share * (points[p, a] - sensor[a])
+            count += 1
+    return rows[:count], ends[:count]
 
 
 @kernel(nogil=True)

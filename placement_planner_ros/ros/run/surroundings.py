@@ -207,6 +207,8 @@ def _disagreements(
 ) -> tuple[Disagreement, ...]:
     """Which of the topics' clouds contradict each other, by points that are kept."""
     of_topics = [(c, k) for c, k in zip(clouds, kept, strict=True) if c.part.topic]
+    if len(of_topics) < 2:
+        return ()
     return tuple(
         disagreements(
             [cloud.points[rows] for cloud, rows in of_topics],
