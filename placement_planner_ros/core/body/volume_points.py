@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.mesh import volumes
-from placement_planner_ros.core.body.mesh_surroundings import surface_points
+from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.kernels import kernel
