@@ -75,6 +75,16 @@ def polytope_of(points: Array) -> ConvexPart:
     return _polytope(ConvexHull(points))
 
 
+def hull_triangles(points: Array) -> Array:
+    """(t, 3, 3) the hull of points (n, 3), wound counter-clockwise from outside.
+
+    Raises:
+        QhullError: they have no volume.
+    """
+    hull = polytope_of(points)
+    return np.asarray(hull.vertices[hull.triangles])
+
+
 def _polytope(hull: ConvexHull) -> ConvexPart:
     # coplanar triangles come with equal equations, up to rounding
     normals = hull.equations[:, :3]

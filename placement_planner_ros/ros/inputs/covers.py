@@ -8,8 +8,7 @@ from pathlib import Path
 from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.disk_cache import find, keep
-from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.digest import content_digest
+from placement_planner_ros.core.meshes.read import Triangles, content_digest
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import (
     MAX_TIME,

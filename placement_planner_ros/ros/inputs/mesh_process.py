@@ -24,10 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover
-from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.digest import content_digest
-from placement_planner_ros.core.meshes.headers import check_header
-from placement_planner_ros.core.meshes.read import mesh_of
+from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
 from placement_planner_ros.core.types import Array
 
 Bytes = npt.NDArray[Any]
@@ -207,9 +204,7 @@ def _spawn() -> subprocess.Popen[bytes]:
 
 def _read(request: dict[str, Any]) -> tuple[dict[str, object], list[Bytes]]:
     path = Path(request["path"])
-    check_header(path)
-    suffix, data = path.suffix.lower(), path.read_bytes()
-    vertices, triangles = mesh_of(suffix, data)
+    vertices, triangles = read_mesh(path)
     arrays = [
         np.ascontiguousarray(vertices, np.float64),
         np.ascontiguousarray(triangles, np.int64),
@@ -217,7 +212,7 @@ def _read(request: dict[str, Any]) -> tuple[dict[str, object], list[Bytes]]:
     head = {
         "vertices": len(vertices),
         "triangles": len(triangles),
-        "digest": content_digest(suffix, data).hex(),
+        "digest": content_digest(path.suffix.lower(), path.read_bytes()).hex(),
     }
     return head, arrays
 

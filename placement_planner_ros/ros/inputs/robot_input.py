@@ -14,9 +14,7 @@ from builtin_interfaces.msg import Time
 
 from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, RobotError
-from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.headers import check_header
-from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.meshes.read import Triangles, check_header, read_mesh
 from placement_planner_ros.core.robot.announcement import Announcement, announce
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
