@@ -27,22 +27,29 @@ from placement_planner_ros.core.body.polytope import (
 )
 from placement_planner_ros.core.types import Array, frozen_array
 
-MAX_PARTS, MAX_PIECES = 32, 256
-"""Parts that a cover may have, and pieces that a mesh is cut into before they are joined."""
+MAX_PARTS = 32
+"""Parts that a cover may have."""
+
+MAX_PIECES = 256
+"""Pieces that a mesh is cut into before some are joined again."""
 
 MAX_VERTICES = 128
 """Vertices that a part may have."""
 
-COVER_TOLERANCE_M, SMALL_COVER_TOLERANCE_M, SMALL_MESH_M = 0.010, 0.005, 0.25
-"""m by which a mesh's cover may reach beyond it, and that of a small one, as of a hand or an
-object: the diagonal of the box around it is shorter than the third."""
+COVER_TOLERANCE_M = 0.010
+"""m by which a mesh's cover may reach beyond it; half of that where it is small."""
 
-WIDER = 1.2
+SMALL_MESH_M = 0.25
+"""m, the diagonal of the box around a small mesh, as of a hand or an object."""
+
+REACH_GROWTH = 1.2
 """Factor on the reach of parts where there are too many."""
 
-SAMPLE_POINTS, SAMPLE_CELLS, SAMPLE_CUTS = 1500, 500, 9
-"""Points of a piece and far cells in its hull by which cuts are compared, and places along each
-axis at which one is tried."""
+SAMPLE_POINTS = 1500
+"""Points of a piece by which cuts are compared; of far cells in its hull a third of that."""
+
+CUTS_ALONG_AXIS = 9
+"""Places along each axis at which a cut is tried."""
 
 
 def _even_directions(count: int) -> Array:
@@ -80,7 +87,17 @@ class Cover:
 def cover_tolerance(vertices: Array) -> float:
     """Metres that the cover of a mesh of vertices (n, 3) may reach beyond it."""
     small = float(np.linalg.norm(np.ptp(vertices, axis=0))) < SMALL_MESH_M
-    return SMALL_COVER_TOLERANCE_M if small else COVER_TOLERANCE_M
+    return 0.5 * COVER_TOLERANCE_M if small else COVER_TOLERANCE_M
+
+
+def coarse_cover_in_words(cover: Cover, tolerance: float) -> str:
+    """That a cover reaches further than twice its tolerance, metres; '' where it does not."""
+    if cover.excess <= 2.0 * tolerance:
+        return ""
+    return (
+        f"its convex cover reaches {cover.excess:.3f} m beyond its mesh instead of {tolerance:g}, "
+        "which slows down checks beside it; a simpler mesh has a closer one"
+    )
 
 
 def convex_cover(
@@ -106,7 +123,7 @@ def convex_cover(
     except QhullError:
         return hull_cover(vertices, triangles)
     while any(map(far.is_met_by, hulls)):
-        far = cells.far(WIDER * far.reach)
+        far = cells.far(REACH_GROWTH * far.reach)
     parts = tuple(map(grown_hull, hulls))
     return Cover(parts, far.reach, bool(components.closed.all()))
 
@@ -228,7 +245,7 @@ def _cut_pieces(
             plane = _best_plane(piece, met, far.half)
             halves = () if plane is None else piece.halves(plane, cells)
         if not halves:  # all that is left is judged anew
-            far = cells.far(WIDER * far.reach)
+            far = cells.far(REACH_GROWTH * far.reach)
             left = [piece, *(each for _, _, each, _ in open_)]
             open_ = [(-1, next(number), each, far.met_by(each.hull)) for each in left]
             continue
@@ -245,7 +262,7 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
     nearer to the middle and across a longer side: it takes several cuts before the pieces of a ring
     leave its hole free.
     """
-    points, cells = _sample_points(piece), met[:: 1 + len(met) // SAMPLE_CELLS]
+    points, cells = _sample_points(piece), met[:: 1 + 3 * len(met) // SAMPLE_POINTS]
     along, cells_along = points @ _DIRECTIONS.T, cells @ _DIRECTIONS.T
 
     def held(side: Mask) -> float:
@@ -259,7 +276,7 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
     for normal in normals:
         at = points @ normal
         width = float(np.ptp(at))
-        for share in np.linspace(0.0, 1.0, SAMPLE_CUTS + 2)[1:-1]:
+        for share in np.linspace(0.0, 1.0, CUTS_ALONG_AXIS + 2)[1:-1]:
             offset = float(at.min()) + share * width
             below = at <= offset
             if width < 2.0 * half or below.all():
@@ -295,11 +312,11 @@ def _joined_hulls(
     while True:
         _join_pairs(parts, far, step)
         if len(parts) <= MAX_PARTS:
-            return [_simplified(part, far) for part in parts.values()], far
-        far = cells.far(WIDER * far.reach)
+            return [_simpler_part(part, far) for part in parts.values()], far
+        far = cells.far(REACH_GROWTH * far.reach)
 
 
-def _simplified(hull: Polytope, far: FarCells) -> Polytope:
+def _simpler_part(hull: Polytope, far: FarCells) -> Polytope:
     """One around it with fewer vertices, that holds no far points either, where there is."""
     for share in (0.1, 0.03, 0.01):
         made = simpler_hull(hull, share * far.reach, MAX_VERTICES)

@@ -21,8 +21,8 @@ Mask = npt.NDArray[np.bool_]
 MAX_CELLS = 10_000_000
 """Cells around a mesh: 0.2 GB."""
 
-CELLS_IN_TOLERANCE, FEWEST_IN_TOLERANCE = 6.0, 4.0
-"""Cells along a tolerance, where `MAX_CELLS` allows it, and the fewest."""
+CELLS_IN_TOLERANCE = 6.0
+"""Cells along a tolerance, where `MAX_CELLS` allows it; two thirds of them at the fewest."""
 
 POINTS_AT_ONCE = 1_000_000
 """Points of triangles that are made at once: 24 MB."""
@@ -94,7 +94,7 @@ class MeshCells:
         cell = tolerance / CELLS_IN_TOLERANCE
         while (size / cell + 3.0 * CELLS_IN_TOLERANCE).prod() > MAX_CELLS:
             cell *= 1.05
-            tolerance = max(tolerance, FEWEST_IN_TOLERANCE * cell)
+            tolerance = max(tolerance, CELLS_IN_TOLERANCE * cell / 1.5)
         self.tolerance, self._cell = tolerance, cell
         beyond = 1.5 * CELLS_IN_TOLERANCE * cell  # the outermost cells are far
         self.low = low - beyond
@@ -105,7 +105,7 @@ class MeshCells:
         for each in surface_points(corners, 0.5 * self._cell):
             sample[self._cells_of(each)] = each - self.low
         on_surface = ~np.isnan(sample[..., 0])
-        self._distance = _distances(sample, on_surface, self._cell)
+        self._distance = _distances_from(sample, on_surface, self._cell)
         self._outside = _led_to(~on_surface, None)
 
     def _cells_of(self, points: Array) -> tuple[npt.NDArray[np.int64], ...]:
@@ -139,7 +139,7 @@ def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:
     return np.asarray(led[label])
 
 
-def _distances(sample: npt.NDArray[np.float32], known: Mask, cell: float) -> Array:
+def _distances_from(sample: npt.NDArray[np.float32], known: Mask, cell: float) -> Array:
     """Metres that no point of a cell is further than from the nearest cell's sample."""
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     made = np.empty(known.shape, np.float32)

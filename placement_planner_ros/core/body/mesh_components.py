@@ -40,13 +40,19 @@ class Components:
     closed: Mask
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Triangles) -> Components:
-        """Of vertices (n, 3), in metres, and triangles (t, 3)."""
-        first, welded = alike((vertices / WELD_M).round())
-        faces, points = welded[triangles], vertices[first]
-        rows = _once(faces)
+    def of(cls, vertices: Array, triangles: Triangles, *, weld: bool = True) -> Components:
+        """Of vertices (n, 3), in metres, and triangles (t, 3).
+
+        Args:
+            weld: whether equal vertices are one.
+        """
+        faces, points = triangles, vertices
+        if weld:
+            first, welded = equal_rows((vertices / WELD_M).round())
+            faces, points = welded[triangles], vertices[first]
+        rows = _rows_without_repetitions(faces)
         faces = faces[rows]
-        label = _labels(faces, len(points))
+        label = _component_labels(faces, len(points))
         count = int(label.max()) + 1 if len(label) else 0
         sides = _Sides.of(faces)
         closed = sides.balanced(label, count)
@@ -57,7 +63,7 @@ class Components:
         return cls(points[faces], rows, label, closed)
 
 
-def _once(faces: Triangles) -> Labels:
+def _rows_without_repetitions(faces: Triangles) -> Labels:
     """Rows of the triangles that do not repeat one before them."""
     # The smallest first, the others in their turn: triangles that face the other way stay.
     turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
@@ -68,7 +74,7 @@ def _once(faces: Triangles) -> Labels:
     return np.sort(first)
 
 
-def alike(rows: Array | Triangles) -> tuple[Labels, Labels]:
+def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
     """Rows of (n, k) numbers that are equal: the first of each kind (m,), kinds in the order of
     their numbers, and the kind of each row (n,).
 
@@ -87,7 +93,7 @@ def alike(rows: Array | Triangles) -> tuple[Labels, Labels]:
     return order[new], kind
 
 
-def _labels(faces: Triangles, count: int) -> Labels:
+def _component_labels(faces: Triangles, count: int) -> Labels:
     ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (count, count))
     _, of_vertex = connected_components(graph, directed=False)

@@ -64,11 +64,13 @@ def content_digest(suffix: str, data: bytes) -> bytes:
         suffix: of the file's name, in lower case, with the dot.
         data: the file's contents.
     """
-    return hashlib.blake2b(_readers() + suffix.encode() + b"\0" + data, digest_size=32).digest()
+    return hashlib.blake2b(
+        _digest_of_readers() + suffix.encode() + b"\0" + data, digest_size=32
+    ).digest()
 
 
 @functools.cache
-def _readers() -> bytes:
+def _digest_of_readers() -> bytes:
     """Of what reads meshes."""
     versions = f"{trimesh.__version__} {coal.__version__}".encode()
     return hashlib.sha256(versions + Path(__file__).read_bytes()).digest()

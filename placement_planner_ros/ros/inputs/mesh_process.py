@@ -7,18 +7,18 @@ at any moment.
 
 from __future__ import annotations
 
-import json
+import io
 import os
 import resource
 import selectors
 import signal
+import struct
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,7 @@ from placement_planner_ros.core.body.convex_cover import Cover, convex_cover
 from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
 from placement_planner_ros.core.types import Array
 
-Bytes = npt.NDArray[Any]
-"""As it is in memory."""
+Arrays = dict[str, npt.NDArray[Any]]
 
 MAX_MEMORY = 2_000_000_000
 """Bytes that reading or covering a mesh may take."""
@@ -39,10 +38,8 @@ MAX_TIME = 60.0
 MAX_WAIT = 240.0
 """Seconds to wait for a cover, since a busy machine gives its process less than a core."""
 
-_LOOK = 0.05
+LOOK_S = 0.05
 """Seconds between looks at whether to go on."""
-
-_CHUNK = 1 << 20
 
 
 class MeshProcessStoppedError(Exception):
@@ -67,12 +64,7 @@ class MeshProcess:
     def __enter__(self) -> MeshProcess:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -99,11 +91,8 @@ class MeshProcess:
             ValueError: it cannot be read; the message says why.
             StoppedError: `should_stop` said so.
         """
-        head, arrays = self._ask({"path": str(path)}, [], MAX_TIME)
-        vertices = np.frombuffer(arrays[: 24 * head["vertices"]])
-        triangles = np.frombuffer(arrays[24 * head["vertices"] :], np.int64)
-        digest = bytes.fromhex(head["digest"])
-        return vertices.reshape(-1, 3), triangles.reshape(-1, 3), digest
+        made = self._ask(MAX_TIME, path=str(path))
+        return made["vertices"], made["triangles"], bytes(made["digest"])
 
     def cover(
         self, vertices: Array, triangles: Triangles, tolerance: float, seconds: float = MAX_TIME
@@ -119,38 +108,22 @@ class MeshProcess:
             TimeoutError: it took longer than `MAX_WAIT`.
             StoppedError: `should_stop` said so.
         """
-        request: dict[str, object] = {
-            "tolerance": tolerance,
-            "seconds": seconds,
-            "vertices": len(vertices),
-            "triangles": len(triangles),
-        }
-        given = [
-            np.ascontiguousarray(vertices, np.float64),
-            np.ascontiguousarray(triangles, np.int64),
-        ]
-        head, arrays = self._ask(request, given, MAX_WAIT)
-        points = np.frombuffer(arrays).reshape(-1, 3)
-        parts = np.split(points, np.cumsum(head["parts"])[:-1])
-        return Cover(tuple(parts), head["excess"], head["closed"])
+        made = self._ask(
+            MAX_WAIT, vertices=vertices, triangles=triangles, tolerance=tolerance, seconds=seconds
+        )
+        parts = np.split(made["points"], np.cumsum(made["counts"])[:-1])
+        return Cover(tuple(parts), float(made["excess"]), bool(made["closed"]))
 
-    def _ask(
-        self, request: dict[str, object], given: list[Bytes], patience: float
-    ) -> tuple[dict[str, Any], bytes]:
-        """The answer's head, and the bytes that follow it, within `patience` seconds."""
+    def _ask(self, patience: float, **request: Any) -> Arrays:
+        """The answer, within `patience` seconds."""
         if self._child is None:
             self._child = _spawn()
         child, end = self._child, time.monotonic() + patience
         assert child.stdin is not None
         try:
-            child.stdin.write(json.dumps(request).encode() + b"\n")
-            for array in given:
-                child.stdin.write(array.tobytes())
-            child.stdin.flush()
-            head = json.loads(self._take(child, None, end))
-            if "error" in head:
-                raise ValueError(head["error"])
-            return head, self._take(child, head["bytes"], end)
+            child.stdin.write(_packed(**request))
+            (size,) = struct.unpack("<Q", self._take(child, 8, end))
+            answer = _unpacked(self._take(child, size, end))
         except (EOFError, BrokenPipeError) as error:
             ended = child.wait()  # its end of the pipe is closed, so it has ended or is about to
             self.close()
@@ -165,29 +138,39 @@ class MeshProcess:
         except MeshProcessStoppedError:
             self.close()
             raise
+        if "error" in answer:
+            raise ValueError(str(answer["error"]))
+        return answer
 
-    def _take(self, child: subprocess.Popen[bytes], count: int | None, end: float) -> bytes:
-        """So many bytes, or a line, as they come."""
+    def _take(self, child: subprocess.Popen[bytes], count: int, end: float) -> bytes:
+        """So many bytes, as they come."""
         assert child.stdout is not None
         taken = bytearray()
         with selectors.DefaultSelector() as selector:
             selector.register(child.stdout, selectors.EVENT_READ)
-            while count is None or len(taken) < count:
+            while len(taken) < count:
                 if self._should_stop():
                     raise MeshProcessStoppedError
                 if time.monotonic() > end:
                     raise TimeoutError
-                if not selector.select(_LOOK):
-                    continue
-                # A line is read byte by byte, to leave what follows it in the pipe.
-                wanted = 1 if count is None else min(_CHUNK, count - len(taken))
-                data = os.read(child.stdout.fileno(), wanted)
-                if not data:
-                    raise EOFError
-                taken += data
-                if count is None and data == b"\n":
-                    break
+                if selector.select(LOOK_S):
+                    data = os.read(child.stdout.fileno(), min(1 << 20, count - len(taken)))
+                    if not data:
+                        raise EOFError
+                    taken += data
         return bytes(taken)
+
+
+def _packed(**values: Any) -> bytes:
+    """Numbers, words and arrays, and before them how many bytes they are."""
+    out = io.BytesIO()
+    np.savez(out, **values)
+    return struct.pack("<Q", out.tell()) + out.getvalue()
+
+
+def _unpacked(data: bytes) -> Arrays:
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
 
 
 def _spawn() -> subprocess.Popen[bytes]:
@@ -202,65 +185,50 @@ def _spawn() -> subprocess.Popen[bytes]:
     )
 
 
-def _read(request: dict[str, Any]) -> tuple[dict[str, object], list[Bytes]]:
-    path = Path(request["path"])
+def _read(request: Arrays) -> bytes:
+    path = Path(str(request["path"]))
     vertices, triangles = read_mesh(path)
-    arrays = [
-        np.ascontiguousarray(vertices, np.float64),
-        np.ascontiguousarray(triangles, np.int64),
-    ]
-    head = {
-        "vertices": len(vertices),
-        "triangles": len(triangles),
-        "digest": content_digest(path.suffix.lower(), path.read_bytes()).hex(),
-    }
-    return head, arrays
+    digest = content_digest(path.suffix.lower(), path.read_bytes())
+    return _packed(
+        vertices=vertices, triangles=triangles, digest=np.frombuffer(digest, dtype=np.uint8)
+    )
 
 
-def _cover(request: dict[str, Any], given: IO[bytes]) -> tuple[dict[str, object], list[Bytes]]:
-    vertices = np.frombuffer(given.read(24 * request["vertices"])).reshape(-1, 3)
-    triangles = np.frombuffer(given.read(24 * request["triangles"]), np.int64).reshape(-1, 3)
-    cover = convex_cover(vertices, triangles, request["tolerance"])
-    head = {
-        "parts": [len(part) for part in cover.parts],
-        "excess": cover.excess,
-        "closed": cover.closed,
-    }
-    return head, list(cover.parts)
+def _cover(request: Arrays) -> bytes:
+    cover = convex_cover(request["vertices"], request["triangles"], float(request["tolerance"]))
+    return _packed(
+        points=np.concatenate(cover.parts),
+        counts=np.array([len(part) for part in cover.parts]),
+        excess=cover.excess,
+        closed=cover.closed,
+    )
 
 
-def _answer(request: dict[str, Any], given: IO[bytes], out: IO[bytes]) -> None:
+def _answered(request: Arrays) -> bytes:
     try:
-        head, arrays = _read(request) if "path" in request else _cover(request, given)
+        return _read(request) if "path" in request else _cover(request)
     except MemoryError:
-        words = f"it takes more than {MAX_MEMORY} bytes of memory"
-        out.write(json.dumps({"error": words}).encode() + b"\n")
+        return _packed(error=f"it takes more than {MAX_MEMORY} bytes of memory")
     except Exception as error:  # whatever loaders raise at what they are given
         words = " ".join(str(error).split())[:300] or "it holds what no such file does"
         known = isinstance(error, (ValueError, OSError))
-        words = words if known else f"{type(error).__name__}: {words}"
-        out.write(json.dumps({"error": words}).encode() + b"\n")
-    else:
-        head["bytes"] = sum(array.nbytes for array in arrays)
-        out.write(json.dumps(head).encode() + b"\n")
-        for array in arrays:
-            out.write(array.tobytes())
-    out.flush()
+        return _packed(error=words if known else f"{type(error).__name__}: {words}")
 
 
 def main() -> None:
-    """Read the files, and cover the meshes, that lines of the standard input ask for."""
+    """Read the files, and cover the meshes, that the standard input asks for."""
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Loaders may print; what they print is no answer.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    for line in sys.stdin.buffer:
-        request = json.loads(line)
+    while head := sys.stdin.buffer.read(8):
+        request = _unpacked(sys.stdin.buffer.read(struct.unpack("<Q", head)[0]))
         # Should the node die without a word, this process does not read on for ever.
-        seconds = int(time.process_time() + request.get("seconds", MAX_TIME)) + 1
+        seconds = int(time.process_time() + float(request.get("seconds", MAX_TIME))) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.RLIM_INFINITY))
-        _answer(request, sys.stdin.buffer, out)
+        out.write(_answered(request))
+        out.flush()
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, RobotError
 from placement_planner_ros.core.meshes.read import Triangles, check_header, read_mesh
-from placement_planner_ros.core.robot.announcement import Announcement, announce
+from placement_planner_ros.core.robot.announcement import Announcement, announce_arm
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -468,7 +468,7 @@ def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
 @weak_lru_cache("robot", maxsize=16)
 def _announced(robot: Robot, arm: Arm, derived: bool) -> Announcement:
     """Kept from start to start."""
-    return announce(robot, arm, derived=derived)
+    return announce_arm(robot, arm, derived=derived)
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body import covered_mesh, mesh_components
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
-from placement_planner_ros.core.body.mesh import volumes
+from placement_planner_ros.core.body.mesh import volumes_under
 from placement_planner_ros.core.body.mesh_components import Components
 
 
@@ -168,7 +168,7 @@ def test_rows_that_are_alike_are_found_as_numpy_finds_them():
     rows = rng.integers(-2, 3, (500, 3)).astype(float)
     rows[::3, 0] = rng.normal(size=167)
     _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    made = mesh_components.alike(rows)
+    made = mesh_components.equal_rows(rows)
     np.testing.assert_array_equal(made[0], first)
     np.testing.assert_array_equal(made[1], kind.reshape(-1))
 
@@ -181,7 +181,7 @@ def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned()
     made = Components.of(np.asarray(box.vertices), again)
     assert made.closed.all()
     assert made.rows.tolist() == [0, 1, 2, 3, 4, *range(7, 14)]
-    assert abs(volumes(made.corners).sum()) == pytest.approx(box.volume)
+    assert abs(volumes_under(made.corners).sum()) == pytest.approx(box.volume)
     assert not Components.of(np.asarray(box.vertices), again[:-1]).closed.any()
 
 
