@@ -21,6 +21,7 @@ from placement_planner_ros.core.body.mesh_cells import FarCells, Mask, MeshCells
 from placement_planner_ros.core.body.mesh_components import Components, Triangles
 from placement_planner_ros.core.body.polytope import (
     Polytope,
+    even_directions,
     grown_hull,
     hull_around,
     simpler_hull,
@@ -35,6 +36,9 @@ MAX_PIECES = 256
 
 MAX_VERTICES = 128
 """Vertices that a part may have."""
+
+PLAIN_VERTICES = 24
+"""Vertices of a part that are not worth having fewer of."""
 
 COVER_TOLERANCE_M = 0.010
 """m by which a mesh's cover may reach beyond it; half of that where it is small."""
@@ -52,15 +56,7 @@ CUTS_ALONG_AXIS = 9
 """Places along each axis at which a cut is tried."""
 
 
-def _even_directions(count: int) -> Array:
-    """(count, 3) unit vectors, evenly over half a sphere."""
-    z = (np.arange(count) + 0.5) / count
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    flat = np.sqrt(1.0 - z**2)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
-
-
-_DIRECTIONS = _even_directions(48)
+_DIRECTIONS = even_directions(48)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +131,7 @@ def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
     points = components.corners.reshape(-1, 3)
     try:
         hull = hull_around(points)
-        part = grown_hull(simpler_hull(hull, 0.02 * float(np.ptp(points)), MAX_VERTICES) or hull)
+        part = grown_hull(simpler_hull(hull, 0.0, MAX_VERTICES))
     except QhullError:
         part = np.zeros((0, 3))
     if not 4 <= len(part) <= MAX_VERTICES:
@@ -318,17 +314,13 @@ def _joined_hulls(
 
 def _simpler_part(hull: Polytope, far: FarCells) -> Polytope:
     """One around it with fewer vertices, that holds no far points either, where there is."""
+    if len(hull.vertices) <= PLAIN_VERTICES:
+        return hull
     for share in (0.1, 0.03, 0.01):
         made = simpler_hull(hull, share * far.reach, MAX_VERTICES)
-        if made is not None and not far.is_met_by(made):
+        if not far.is_met_by(made):
             return made
-    if len(hull.vertices) <= MAX_VERTICES:
-        return hull
-    return next(
-        made
-        for share in (0.3, 1.0, 3.0, 10.0, 100.0)
-        if (made := simpler_hull(hull, share * far.reach, MAX_VERTICES)) is not None
-    )
+    return hull if len(hull.vertices) <= MAX_VERTICES else made
 
 
 def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], None]) -> None:

@@ -18,6 +18,9 @@ HULL_SLACK_M = 2e-6
 PLANES_AT_ONCE = 8
 """Planes by which a simpler hull is cut at once."""
 
+PLANES_BETWEEN = 256
+"""Directions, evenly, of planes beside those of the facets: 13° apart."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polytope:
@@ -47,34 +50,47 @@ def hull_around(points: Array) -> Polytope:
     return Polytope(points[hull.vertices], np.unique(hull.equations.round(9), axis=0))
 
 
-def simpler_hull(polytope: Polytope, slack: float, most: int) -> Polytope | None:
-    """One around it with fewer vertices; None where there is none.
+def even_directions(count: int) -> Array:
+    """(count, 3) unit vectors, evenly over half a sphere."""
+    z = (np.arange(count) + 0.5) / count
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    flat = np.sqrt(1.0 - z**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
-    From a box on, the planes of the facets, and of what is between them at the vertices, are added
-    where most is beyond one of them.
+
+def simpler_hull(polytope: Polytope, slack: float, most: int) -> Polytope:
+    """One around it with fewer vertices, where there is.
+
+    From a box on, planes along its facets, and in directions between them, are added where most is
+    beyond one of them.
 
     Args:
-        slack: metres that its vertices may be outside any plane of the given one.
+        slack: metres that its vertices may be outside any plane of the given one; more where there
+            would be too many.
         most: vertices that it may have.
     """
     middle = polytope.vertices.mean(axis=0)
     vertices = polytope.vertices - middle
-    facets = polytope.planes[:, :3]
-    offsets = -polytope.planes[:, 3] - facets @ middle
-    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    between = even_directions(PLANES_BETWEEN // 2)
+    candidates = np.concatenate([polytope.planes[:, :3], between, -between])
+    offsets = (candidates @ vertices.T).max(axis=1)
+    normals, best = np.concatenate([np.eye(3), -np.eye(3)]), None
     while True:
         reach = (normals @ vertices.T).max(axis=1)
         # Planes of the dual's hull are corners of what all planes leave.
         dual = ConvexHull(normals / reach[:, None]).equations
-        made = np.unique((dual[:, :3] / -dual[:, 3:]).round(7), axis=0)
-        if len(made) > min(most, len(vertices) - 1):
-            return None
-        beyond = made @ facets.T - offsets
+        made = dual[:, :3] / -dual[:, 3:]
+        made = made[np.unique(made.round(7), axis=0, return_index=True)[1]]
+        if len(made) > (most if len(vertices) > most else len(vertices)):
+            break
+        best = made
+        beyond = made @ candidates.T - offsets
         worst = beyond.max(axis=1)
-        if worst.max() <= slack:
-            return hull_around(made + middle)
+        if worst.max() <= max(slack, HULL_SLACK_M):
+            break
         chosen = np.argsort(-worst)[:PLANES_AT_ONCE]
-        normals = np.concatenate([normals, facets[np.unique(beyond[chosen].argmax(axis=1))]])
+        normals = np.concatenate([normals, candidates[np.unique(beyond[chosen].argmax(axis=1))]])
+    return polytope if best is None else hull_around(best + middle)
 
 
 def grown_hull(polytope: Polytope) -> Array:
