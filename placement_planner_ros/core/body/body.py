@@ -2,39 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.body.assumed import in_words
-from placement_planner_ros.core.body.convex_cover import cover_tolerance
+from placement_planner_ros.core.body.convex_cover import coarse_cover_in_words, cover_tolerance
 from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part, hull_of
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
-from placement_planner_ros.core.body.holes import NO_HOLES, Holes, together, volume_of
+from placement_planner_ros.core.body.holes import Holes
 from placement_planner_ros.core.body.mesh import (
-    MeshPiece,
     Triangles,
     checked_center,
     checked_mesh,
     connected_pieces,
     read_only,
-    volumes,
+    volumes_under,
 )
-from placement_planner_ros.core.body.mesh_components import Components
-from placement_planner_ros.core.body.placement_face import PlacementFace, offered, placement_faces
+from placement_planner_ros.core.body.placement_face import (
+    PlacementFace,
+    offered_faces,
+    placement_faces,
+)
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
 
-_COARSE = 2.0
-"""Times the tolerance beyond which a cover is told."""
-
-_OPEN = "the mesh is not closed: it counts as a sheet without an inside"
-
-_SURE = 0.02
+CENTER_SHARE = 0.02
 """Share of the object's size by which holes may move its centre of mass for it not to be taken from
 the hull."""
 
@@ -107,16 +102,22 @@ class Body:
         hull = hull_of(points)
         warnings: list[str] = []
         pieces = connected_pieces(points, faces)
-        parts = [convex_part(piece, number, warnings) for number, piece in enumerate(pieces)]
-        surfaces = [_Surface.of(each, part) for each, part in zip(pieces, parts, strict=True)]
-        fault = next((surface.fault for surface in surfaces if surface.fault), "")
-        closed = np.concatenate([surface.closed for surface in surfaces])
-        open_ = np.concatenate([surface.open for surface in surfaces])
+        parts = [convex_part(piece.corners, n, warnings) for n, piece in enumerate(pieces)]
+        solids, sheets, fault = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))], ""
+        for piece, part in zip(pieces, parts, strict=True):
+            if not piece.closed:
+                fault = fault or "the mesh is not closed"
+            if not piece.closed and part is None:
+                fault = "the mesh is not closed: it counts as a sheet without an inside"
+                sheets.append(piece.corners)
+            else:
+                solids.append(piece.corners if part is None or piece.closed else part.corners)
+        closed, open_ = np.concatenate(solids), np.concatenate(sheets)
         points_inside = volume_points(closed, open_, hull, settings, warnings)
         if center_of_mass is not None:
             center, whose = checked_center(center_of_mass, scale), "as given"
         else:
-            center, whose = _center_of_mass(surfaces, hull, fault)
+            center, whose = _center_of_mass(closed, open_, len(pieces), hull)
         if fault:
             warnings.append(f"{fault}; centre of mass {whose}")
         outside = float(np.max(hull.normals @ center - hull.offsets))
@@ -126,15 +127,14 @@ class Body:
                 center.tolist(),
                 f"lies {outside:.4g} m outside the object's hull; give it in the object's frame",
             )
-        found, rolling = offered(placement_faces(points, center, settings), settings, warnings)
+        found, rolling = offered_faces(
+            placement_faces(points, center, settings), settings, warnings
+        )
         rest = [piece for piece, part in zip(pieces, parts, strict=True) if part is None]
         mesh = CoveredMesh.of(rest, cover) if rest else None
-        if mesh is not None and mesh.cover.excess > _COARSE * cover_tolerance(mesh.vertices):
-            warnings.append(
-                f"its convex cover reaches {mesh.cover.excess:.3f} m beyond its mesh instead of "
-                f"{cover_tolerance(mesh.vertices):g}, which slows down checks beside it; a simpler "
-                "mesh has a closer one"
-            )
+        if mesh is not None:
+            coarse = coarse_cover_in_words(mesh.cover, cover_tolerance(mesh.vertices))
+            warnings.extend([coarse] if coarse else [])
         return cls(
             solids=tuple(part for part in parts if part is not None),
             mesh=mesh,
@@ -145,100 +145,87 @@ class Body:
             triangles=read_only(faces),
             warnings=tuple(warnings),
             rolling=rolling,
-            assumed=in_words(
-                points,
-                scale,
-                center,
-                whose=whose,
-                fault=fault,
-                pieces=len(pieces),
-                parts=len(parts) if mesh is None else len(parts) - len(rest) + len(mesh.parts),
-                faces=found,
-                left_out=rolling,
-                excess=0.0 if mesh is None else mesh.cover.excess,
+            assumed=(
+                _size_in_words(points, scale),
+                f"centre of mass ({', '.join(f'{x:.4f}' for x in np.round(center, 4) + 0.0)}) "
+                f"{whose}",
+                f"{fault or 'closed'}, {_cover_in_words(parts, mesh)}",
+                _rests_in_words(found, rolling),
             ),
             flatness=settings.flatness,
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
-    """The surface of a connected piece.
-
-    Attributes:
-        closed, open: (s, 3, 3), (t, 3, 3) corners of its triangles: those around a solid, outward,
-            and those of sheets.
-        holes: of the open ones.
-        fault: what of the piece is not as expected, in words.
-    """
-
-    closed: Array
-    open: Array
-    holes: Holes
-    fault: str
-
-    @classmethod
-    def of(cls, piece: MeshPiece, part: ConvexPart | None) -> _Surface:
-        """Of a piece, and of its hull where it is convex."""
-        none = np.zeros((0, 3, 3))
-        if piece.solid:
-            return cls(piece.corners, none, NO_HOLES, "")
-        inward = "some triangles of the mesh face inward"
-        if part is not None:
-            cracks = "" if piece.watertight else "the mesh is not closed"
-            return cls(part.vertices[part.triangles], none, NO_HOLES, cracks or inward)
-        made = Components.of(piece.vertices, piece.triangles)
-        solid = made.closed[made.label]
-        closed, open_ = made.corners[solid], made.corners[~solid]
-        if volume_of(closed) < 0.0:
-            closed = closed[:, ::-1]
-        if len(open_):
-            holes = Holes.of(piece.vertices, piece.triangles[made.rows[~solid]])
-            return cls(closed, open_, holes, _OPEN)
-        return cls(closed, none, NO_HOLES, "" if volume_of(closed) > 0.0 else inward)
-
-    @property
-    def patched(self) -> Array:
-        """(t, 3, 3) its triangles and those over its holes, outward."""
-        made = np.concatenate([self.open, self.holes.patches])
-        return np.concatenate([self.closed, made if volume_of(made) >= 0.0 else made[:, ::-1]])
-
-
 def _center_of_mass(
-    surfaces: Sequence[_Surface], hull: ConvexPart, fault: str
+    closed: Array, open_: Array, pieces: int, hull: ConvexPart
 ) -> tuple[Array, str]:
     """(3,) that of uniform density, and what it is taken from, in words.
 
+    What is not closed has no inside, but where its holes are small they hardly matter.
+
     Args:
-        fault: of the surfaces; what is not closed has no inside, but where its holes are small they
-            hardly matter.
+        closed, open_: (s, 3, 3), (t, 3, 3) triangles around solids, outward, and of sheets.
     """
-    of_hull = _center_of(hull.vertices[hull.triangles]), "of its hull"
-    if fault and {surface.fault for surface in surfaces} - {"", _OPEN}:
-        return of_hull
-    whole = np.concatenate([surface.patched for surface in surfaces])
-    center = _center_of(whole)
-    if len(surfaces) > 1 or not np.isfinite(center).all():
-        # pieces may overlap, and so may one with itself: count what they share once
+    holes = Holes.of(open_) if len(open_) else None
+    patched = np.concatenate([open_, holes.patches]) if holes else open_
+    if _volume_in(patched) < 0.0:
+        patched = patched[:, ::-1]
+    whole = np.concatenate([closed, patched])
+    # Pieces may overlap, and so may one with itself: what they share counts once.
+    center = center_of_union(whole, hull) if pieces > 1 else _center_in(whole)
+    if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
         center = center_of_union(whole, hull)
     if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
-        return of_hull  # the surface crosses itself, and what it encloses cancels out
-    if not fault:
+        return _center_in(hull.corners), "of its hull"  # it crosses itself, and cancels out
+    if holes is None:
         return center, "of uniform density"
-    holes = together([surface.holes for surface in surfaces])
-    off = holes.moves(center, volume_of(whole))
-    if off > _SURE * float(np.linalg.norm(np.ptp(hull.vertices, axis=0))):
-        return of_hull
+    off = holes.moves(center, _volume_in(whole))
+    if off > CENTER_SHARE * float(np.linalg.norm(np.ptp(hull.vertices, axis=0))):
+        return _center_in(hull.corners), "of its hull"
     return center, (
         f"of uniform density, with {len(holes.radii)} holes closed: at most {off:.2g} m off where "
         "nothing bulges out of them by more than half their widths"
     )
 
 
-def _center_of(corners: Array) -> Array:
-    """(3,) the centre of what triangles (t, 3, 3) enclose."""
+def _volume_in(corners: Array) -> float:
+    """m³ that triangles (t, 3, 3) enclose."""
+    return float(volumes_under(corners - corners.mean(axis=(0, 1))).sum()) if len(corners) else 0.0
+
+
+def _center_in(corners: Array) -> Array:
+    """(3,) the centre of what triangles (t, 3, 3) enclose; not finite where that is nothing."""
     middle = corners.mean(axis=(0, 1))
     around = corners - middle
-    of_each = volumes(around)
+    of_each = volumes_under(around)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(middle + of_each @ around.sum(axis=1) / (4.0 * of_each.sum()))
+
+
+def _size_in_words(points: Array, scale: float) -> str:
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
+    unit = "its numbers taken as metres" if scale == 1.0 else f"object.scale {scale:g}"
+    return f"{size} m, {unit}"
+
+
+def _cover_in_words(parts: list[ConvexPart | None], mesh: CoveredMesh | None) -> str:
+    count = sum(part is not None for part in parts) + (0 if mesh is None else len(mesh.parts))
+    words = f"{_in_number(len(parts), 'piece')} in {_in_number(count, 'convex part')}"
+    if mesh is not None:
+        reach = "reaches" if count == 1 else "reach"
+        words += f" that {reach} up to {mesh.cover.excess:.2g} m beyond it"
+    return words
+
+
+def _rests_in_words(faces: tuple[PlacementFace, ...], left_out: int) -> str:
+    rolling = sum(face.rolls for face in faces)
+    words = _in_number(len(faces), "rest")
+    if rolling:
+        words += f", from {rolling} of which it could roll"
+    if left_out:
+        words += f", and {left_out} from which it could roll left out (object.allow_rolling)"
+    return words
+
+
+def _in_number(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

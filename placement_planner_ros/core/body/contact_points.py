@@ -11,19 +11,19 @@ from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.body.tipping import Index
 from placement_planner_ros.core.types import Array
 
-SPACING = 0.005
+SPACING_M = 0.005
 """m, what touches has a contact point in each square of this side, or of a larger one ..."""
-_MOST = 1024
+MAX_POINTS = 1024
 """... so that there are no more than so many squares."""
-_SPREAD = 32
+SPREAD_POINTS = 32
 """Squares at most that each have one of the spread points."""
-_WIDER = 1.1
+WIDENING = 1.1
 """Times the side of squares, as long as there are too many."""
-_FINEST = 400
+MAX_DIVISIONS = 400
 """Parts at most that the side of a triangle is divided into."""
-_SAME = 1e-6
+SAME_CORNER_M = 1e-6
 """m, corners closer together are one."""
-_DIRECTIONS = 32
+OUTERMOST_DIRECTIONS = 32
 """Directions in which the outermost contact point is kept."""
 
 
@@ -47,26 +47,30 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     They lie on the surface itself, so their hull is never larger than that of what touches. The
     outermost are among them.
     """
-    points = touching(body, face)
+    points = touching_points(body, face)
     depths = float(face.vertices[0] @ face.normal) - body.vertices @ face.normal
     flat = body.triangles[(depths[body.triangles] <= body.flatness).all(axis=1)]
     T = face.T_face_object
     in_plane = (body.vertices @ T.rotation.T + T.translation)[:, :2]
-    return ContactPoints(points, _thinned(points, SPACING, _SPREAD), _room(points, in_plane, flat))
+    return ContactPoints(
+        points,
+        _thinned_rows(points, SPACING_M, SPREAD_POINTS),
+        _room_around(points, in_plane, flat),
+    )
 
 
-def touching(body: Body, face: PlacementFace) -> Array:
+def touching_points(body: Body, face: PlacementFace) -> Array:
     """(k, 2) `ContactPoints.points` alone."""
     plane = float(face.vertices[0] @ face.normal)
     near = (plane - body.vertices @ face.normal)[body.triangles].min(axis=1) <= body.flatness
     found = _on_triangles(body.vertices[body.triangles[near]])
     found = found[plane - found @ face.normal <= body.flatness]
     T = face.T_face_object
-    points = _distinct((found @ T.rotation.T + T.translation)[:, :2])
-    return np.asarray(points[_thinned(points, SPACING, _MOST)])
+    points = _distinct_rows((found @ T.rotation.T + T.translation)[:, :2])
+    return np.asarray(points[_thinned_rows(points, SPACING_M, MAX_POINTS)])
 
 
-def _distinct(points: Array) -> Array:
+def _distinct_rows(points: Array) -> Array:
     """The rows of (n, 2) in order, each once: numpy's own takes several times as long."""
     points = points[np.lexsort((points[:, 1], points[:, 0]))]
     first = np.ones(len(points), np.bool_)
@@ -74,7 +78,7 @@ def _distinct(points: Array) -> Array:
     return np.asarray(points[first])
 
 
-def _room(points: Array, corners: Array, triangles: Index) -> Array:
+def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     """(n,) how far points (n, 2) lie inside of what some of the triangles between corners cover.
 
     That is, from all edges that do not lie between two triangles; 0 outside. Where triangles
@@ -82,13 +86,13 @@ def _room(points: Array, corners: Array, triangles: Index) -> Array:
     """
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
-    _, same = np.unique(np.round(corners / _SAME), axis=0, return_inverse=True)
+    _, same = np.unique(np.round(corners / SAME_CORNER_M), axis=0, return_inverse=True)
     edges = np.sort(same.reshape(-1)[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
     first = np.unique(same, return_index=True)[1]
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
     along = end - begin
-    square = np.maximum((along * along).sum(axis=1), _SAME**2)
+    square = np.maximum((along * along).sum(axis=1), SAME_CORNER_M**2)
     a, b, c = corners[triangles].swapaxes(0, 1)
     room = np.zeros(len(points))
     for n, point in enumerate(points):
@@ -107,9 +111,9 @@ def _left_of(begin: Array, end: Array, point: Array) -> Array:
 
 
 def _on_triangles(corners: Array) -> Array:
-    """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING` along their sides."""
+    """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING_M` along their sides."""
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(sides / SPACING), 1, _FINEST).astype(np.int64)
+    parts = np.clip(np.ceil(sides / SPACING_M), 1, MAX_DIVISIONS).astype(np.int64)
     found = [np.zeros((0, 3))]
     for number in np.unique(parts):
         i, j = np.meshgrid(*[np.arange(number + 1)] * 2, indexing="ij")
@@ -119,11 +123,11 @@ def _on_triangles(corners: Array) -> Array:
     return np.concatenate(found)
 
 
-def _thinned(points: Array, side: float, most: int) -> Index:
+def _thinned_rows(points: Array, side: float, most: int) -> Index:
     """Rows of points (n, 2): the outermost in each of some directions, and one in each square."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
-    angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    angles = 2.0 * np.pi * np.arange(OUTERMOST_DIRECTIONS) / OUTERMOST_DIRECTIONS
     outermost = (points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
     while True:
         squares = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
@@ -131,4 +135,4 @@ def _thinned(points: Array, side: float, most: int) -> Index:
         first = np.unique(number, return_index=True)[1]
         if len(first) <= most:
             return np.unique(np.concatenate([first, outermost]))
-        side *= _WIDER
+        side *= WIDENING

@@ -1,52 +1,31 @@
-"""Convex polytopes: what collision checks take the object for."""
+"""Convex polytopes: what collision checks take the object for, and whether a mesh is one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.mesh import (
-    THINNEST,
-    MeshPiece,
-    Triangles,
-    read_only,
-    used_rows,
-)
-from placement_planner_ros.core.body.mesh_components import alike
+from placement_planner_ros.core.body.mesh import THINNEST_M, Triangles, read_only, used_rows
+from placement_planner_ros.core.body.mesh_components import equal_rows
+from placement_planner_ros.core.body.polytope import HALF_SHEET_M, hull_around
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
 
-_SHEET = 0.0005
-"""Parts without thickness are thickened by this to every side, metres."""
-
 MAX_FACETS = 6000
-"""Facets, triangles of it, that the hull of a piece may have that counts as convex; rounder ones
-are covered."""
+"""Facets, triangles of it, that the hull of what counts as convex may have; rounder things are
+covered."""
 
-CONVEX_TOLERANCE, CONVEX_SHARE = 1e-3, 0.01
-"""Metres, and share of its size, that a piece's triangles may lie beneath the facets of its hull
-where it counts as convex."""
+MAX_FACETS_IN_CORNER = 200
+"""Facets that may meet in a corner of it: coal takes no more than 254."""
 
-_CONVEX_AREA = 1e-3
-"""Share by which the area of such a piece may differ from that of its hull."""
+CONVEX_TOLERANCE_M = 1e-3
+"""m that the triangles of what counts as convex may lie beneath the facets of its hull; a hundredth
+of its size where that is less."""
 
-MOST_AROUND = 200
-"""Facets that meet in a corner of what counts as convex: coal takes no more than 254."""
-
-_MOST_COMPARED = 100_000_000
-"""Facets of a hull times triangles of its piece that are compared; a piece with more counts as not
-convex."""
-
-_MOST_MOVED = 2_000_000
-"""Vertices of a hull times its planes that are compared, for none to be cut off by rounding."""
-
-_ROUNDING = 1e-9
-"""Metres by which planes are moved out where there are more."""
-
-_AT_ONCE = 2_000_000
-"""Points times planes that are compared at once."""
+MAX_COMPARED = 100_000_000
+"""Facets of a hull times triangles that are compared: 2 s; what has more counts as not convex."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +44,11 @@ class ConvexPart:
     normals: Array
     offsets: Array
 
+    @property
+    def corners(self) -> Array:
+        """(t, 3, 3) of its triangles."""
+        return np.asarray(self.vertices[self.triangles])
+
 
 def polytope_of(points: Array) -> ConvexPart:
     """The convex hull of (n, 3) points.
@@ -72,11 +56,19 @@ def polytope_of(points: Array) -> ConvexPart:
     Raises:
         QhullError: they have no volume.
     """
-    return _polytope(ConvexHull(points))
+    return _part_of(ConvexHull(points))
 
 
-def _polytope(hull: ConvexHull) -> ConvexPart:
-    # coplanar triangles come with equal equations, up to rounding
+def hull_triangles(points: Array) -> Array:
+    """(t, 3, 3) the hull of points (n, 3), wound counter-clockwise from outside.
+
+    Raises:
+        QhullError: they have no volume.
+    """
+    return polytope_of(points).corners
+
+
+def _part_of(hull: ConvexHull) -> ConvexPart:
     normals = hull.equations[:, :3]
     used, triangles = used_rows(hull.simplices.astype(np.int64), len(hull.points))
     vertices = hull.points[used]
@@ -84,13 +76,10 @@ def _polytope(hull: ConvexHull) -> ConvexPart:
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", facing, normals) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
-    first, _ = alike(np.round(hull.equations, 7))
-    planes = normals[np.sort(first)]
-    offsets = -hull.equations[np.sort(first), 3] + _ROUNDING
-    if len(vertices) * len(planes) <= _MOST_MOVED:  # no vertex is cut off by rounding
-        chunk = max(1, _AT_ONCE // len(vertices))
-        rows = range(0, len(planes), chunk)
-        offsets = np.concatenate([(planes[r : r + chunk] @ vertices.T).max(axis=1) for r in rows])
+    # Coplanar triangles come with equal equations, up to rounding, which cuts off no vertex.
+    planes = normals[np.sort(equal_rows(np.round(hull.equations, 7))[0])]
+    few = np.array_split(planes, 1 + len(planes) * len(vertices) // 2_000_000)
+    offsets = np.concatenate([(each @ vertices.T).max(axis=1) for each in few])
     return ConvexPart(
         frozen_array(vertices), read_only(triangles), frozen_array(planes), frozen_array(offsets)
     )
@@ -102,73 +91,63 @@ def hull_of(vertices: Array) -> ConvexPart:
     Raises:
         ObjectError: it has no volume.
     """
-    flat = ObjectError("object", "flat mesh", f"give it a thickness of more than {THINNEST:g} m")
+    flat = ObjectError("object", "flat mesh", f"give it a thickness of more than {THINNEST_M:g} m")
     around = vertices - vertices.mean(axis=0)
     spread = np.linalg.eigh(around.T @ around)[1].T
-    if np.min(np.ptp(around @ spread.T, axis=0)) < THINNEST:
+    if np.min(np.ptp(around @ spread.T, axis=0)) < THINNEST_M:
         raise flat
     try:
-        return _polytope(ConvexHull(vertices))
+        return polytope_of(vertices)
     except QhullError as error:
         raise flat from error
 
 
-def convex_part(piece: MeshPiece, number: int, warnings: list[str]) -> ConvexPart | None:
-    """A connected piece that is its own hull; None where it is not convex.
+def convex_part(corners: Array, number: int, warnings: list[str]) -> ConvexPart | None:
+    """A connected piece (t, 3, 3) that is its own hull; None where it is not convex.
 
     A flat piece that fills its outline is given a thickness, with a warning.
     """
-    vertices, corners = piece.vertices, piece.corners
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
+    points = corners.reshape(-1, 3)
+    hull = hull_if_convex(corners)
+    if hull is not None:
+        return _part_of(hull)
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    if np.ptp(points @ axes[2]) > 1e-9:
+        return None
     try:
-        hull = ConvexHull(vertices)
+        outline = ConvexHull((points - points.mean(axis=0)) @ axes[:2].T).volume
     except QhullError:
-        if not _fills_outline(vertices, area):
-            return None
-        warnings.append(f"part {number} has no thickness: taken as {2 * _SHEET * 1e3:g} mm thick")
-        around = _SHEET * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
-        return polytope_of((vertices[:, None] + around).reshape(-1, 3))
-    if abs(area - hull.area) > _CONVEX_AREA * hull.area or len(hull.simplices) > MAX_FACETS:
+        outline = 0.0  # a line
+    if abs(_area_of(corners) - outline) > 1e-3 * outline:
         return None
-    if np.bincount(hull.simplices.ravel()).max() > MOST_AROUND:
-        return None
-    return _polytope(hull) if _is_on_hull(corners, across, hull) else None
+    warnings.append(f"part {number} has no thickness: taken as {2e3 * HALF_SHEET_M:g} mm thick")
+    return polytope_of(hull_around(points).vertices)
 
 
-def _is_on_hull(corners: Array, across: Array, hull: ConvexHull) -> bool:
-    """Whether every triangle of corners (t, 3, 3) and normals (t, 3) lies along a facet."""
+def hull_if_convex(corners: Array) -> ConvexHull | None:
+    """The hull of triangles (t, 3, 3), where they cover it and each is along one of its facets."""
+    try:
+        hull = ConvexHull(corners.reshape(-1, 3))
+    except QhullError:  # flat
+        return None
+    facets = len(hull.simplices)
+    if abs(_area_of(corners) - hull.area) > 1e-3 * hull.area or facets > MAX_FACETS:
+        return None
+    if np.bincount(hull.simplices.ravel()).max() > MAX_FACETS_IN_CORNER:
+        return None
     equations = hull.equations.round(9)
-    planes = equations[alike(equations)[0]]
-    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * size)
-    # Nearly always along one that faces as it does, if it is along any.
-    length = np.linalg.norm(across, axis=1)
-    facing = across / np.where(length > 0.0, length, 1.0)[:, None]
-    normals = cKDTree(planes[:, :3])
-    for way in (1.0, -1.0):
-        _, nearest = normals.query(way * facing)
-        plane = planes[nearest]
-        depth = -(np.einsum("tik,tk->ti", corners, plane[:, :3]) + plane[:, 3:])
-        left = depth.max(axis=1) > tolerance
-        corners, facing = corners[left], facing[left]
-        if not len(corners):
-            return True
-    if len(planes) * len(corners) > _MOST_COMPARED:
-        return False
-    chunk = max(1, _AT_ONCE // (3 * len(planes)))
-    for row in range(0, len(corners), chunk):
-        depth = -(corners[row : row + chunk] @ planes[:, :3].T + planes[:, 3])
+    planes = equations[equal_rows(equations)[0]]
+    if len(planes) * len(corners) > MAX_COMPARED:
+        return None
+    tolerance = min(CONVEX_TOLERANCE_M, 0.01 * float(np.ptp(hull.points, axis=0).max()))
+    for few in np.array_split(corners, 1 + len(corners) * len(planes) // 700_000):
+        depth = -(few @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)
         if depth.max(axis=1).min(axis=1).max() > tolerance:
-            return False
-    return True
+            return None
+    return hull
 
 
-def _fills_outline(vertices: Array, area: float) -> bool:
-    """Whether a flat piece of (m, 3) vertices is as large as the convex outline of it."""
-    axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
-    try:
-        outline = ConvexHull((vertices - vertices.mean(axis=0)) @ axes[:2].T)
-    except QhullError:
-        return True  # a line
-    return bool(abs(area - outline.volume) <= _CONVEX_AREA * outline.volume)
+def _area_of(corners: Array) -> float:
+    """m² of triangles (t, 3, 3)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * float(np.linalg.norm(across, axis=1).sum())

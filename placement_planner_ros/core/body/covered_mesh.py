@@ -16,6 +16,7 @@ from placement_planner_ros.core.body.convex_cover import (
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
+from placement_planner_ros.core.body.mesh_components import equal_rows
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
@@ -48,11 +49,14 @@ class CoveredMesh:
     @classmethod
     def of(cls, pieces: Sequence[MeshPiece], make: CoverMaker) -> CoveredMesh:
         """Of one piece or more."""
-        first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-        vertices = np.vstack([piece.vertices for piece in pieces])
-        triangles = np.vstack(
-            [piece.triangles + row for piece, row in zip(pieces, first, strict=False)]
+        welded = [equal_rows(piece.corners.reshape(-1, 3)) for piece in pieces]
+        vertices = np.vstack(
+            [p.corners.reshape(-1, 3)[one] for p, (one, _) in zip(pieces, welded, strict=True)]
         )
+        first = np.cumsum([0, *(len(one) for one, _ in welded)])
+        triangles = np.concatenate(
+            [kind + row for (_, kind), row in zip(welded, first, strict=False)]
+        ).reshape(-1, 3)
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
         return cls(frozen_array(vertices), read_only(triangles), read_only(first), cover, parts)

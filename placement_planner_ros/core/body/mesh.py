@@ -7,35 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from placement_planner_ros.core.body.mesh_components import alike
+from placement_planner_ros.core.body.mesh_components import Components, Triangles, equal_rows
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array
 
-Triangles = npt.NDArray[np.int64]
-
-THINNEST = 1e-4
-"""Objects thinner than this have no volume to plan with, metres."""
+THINNEST_M = 1e-4
+"""m: objects thinner than this have no volume to plan with."""
 
 MAX_TRIANGLES, MAX_VERTICES = 300_000, 900_000
 """Triangles, and vertices, that an object may have; each triangle may have vertices of its own."""
 
-FAR = 100.0
-"""Metres from a mesh's origin beyond which a vertex is a mistake."""
+FURTHEST_VERTEX_M = 100.0
+"""m from a mesh's origin beyond which a vertex is a mistake."""
 
 MAX_PIECES = 500
 """Connected pieces that an object may have."""
 
-_MERGED = 1e-8
-"""Metres within which vertices of a surface that is not closed are one."""
-
 _CHECK = "look at its numbers and object.scale"
 """Said of sizes that no object has."""
-
-_WAY = 1 << 32
-"""More than an edge has triangles."""
 
 
 def checked_mesh(
@@ -45,7 +35,7 @@ def checked_mesh(
 
     Raises:
         ObjectError: empty, too many triangles, not finite, bad indices, implausibly large or
-            small, or further than `FAR` from its origin.
+            small, or further than `FURTHEST_VERTEX_M` from its origin.
     """
     if not (math.isfinite(scale) and scale > 0.0):
         raise ObjectError("object.scale", scale, "give a finite number above 0")
@@ -81,13 +71,15 @@ def checked_mesh(
         raise ObjectError(
             "object", f"{across:.4g} m across", f"is larger than {max_extent} m; {remedy}"
         )
-    if across < 10.0 * THINNEST:
-        least = f"is too small, less than {10.0 * THINNEST:g} m; {_CHECK}"
+    if across < 10.0 * THINNEST_M:
+        least = f"is too small, less than {10.0 * THINNEST_M:g} m; {_CHECK}"
         raise ObjectError("object", f"{across:.4g} m across", least)
     away = float(np.abs(used).max()) * scale
-    if away > FAR:
+    if away > FURTHEST_VERTEX_M:
         raise ObjectError(
-            "object.vertices", f"{away:.4g} m from the origin", f"must lie within {FAR:g} m of it"
+            "object.vertices",
+            f"{away:.4g} m from the origin",
+            f"must lie within {FURTHEST_VERTEX_M:g} m of it",
         )
     return used * scale, made
 
@@ -128,21 +120,12 @@ class MeshPiece:
     """A connected piece of a mesh.
 
     Attributes:
-        vertices: (n, 3) metres.
-        triangles: (t, 3) rows of vertices.
-        watertight: whether every edge has two triangles.
-        solid: whether these agree, too, on which side is outside; they face outward then.
+        corners: (t, 3, 3) metres, of its triangles; outward where it is closed.
+        closed: whether all its edges have as many triangles one way as the other.
     """
 
-    vertices: Array
-    triangles: Triangles
-    watertight: bool
-    solid: bool
-
-    @property
-    def corners(self) -> Array:
-        """(t, 3, 3) of its triangles."""
-        return np.asarray(self.vertices[self.triangles])
+    corners: Array
+    closed: bool
 
 
 def connected_pieces(points: Array, triangles: Triangles) -> list[MeshPiece]:
@@ -155,19 +138,15 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[MeshPiece]:
     Raises:
         ObjectError: there are more than `MAX_PIECES`.
     """
-    groups = _connected(points, triangles)
-    pieces = _pieces(points, [group for group in groups if group.watertight])
-    left = [group.triangles for group in groups if not group.watertight]
-    if left:
-        corners = points[np.concatenate(left)]
-        first, vertex = alike((corners.reshape(-1, 3) / _MERGED).round())
-        faces = vertex.reshape(-1, 3)
-        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        merged = corners.reshape(-1, 3)[first]
-        for group in _connected(merged, faces[whole]):
-            once = _once(group)
-            same = len(once) == len(group.triangles)
-            pieces += _pieces(merged, [group] if same else _connected(merged, once))
+    first, kind = equal_rows(np.sort(triangles, axis=1))
+    twice = np.bincount(kind).min() > 1
+    apart = Components.of(points, triangles[np.sort(first)] if twice else triangles, weld=False)
+    left = apart.corners[~apart.closed[apart.label]]
+    pieces = [piece for piece in _pieces_of(apart) if piece.closed]
+    if len(left):
+        pieces += _pieces_of(
+            Components.of(left.reshape(-1, 3), np.arange(left.size // 3).reshape(-1, 3))
+        )
     if len(pieces) > MAX_PIECES:
         raise ObjectError(
             "object", f"{len(pieces)} pieces", f"an object may have {MAX_PIECES} connected pieces"
@@ -175,70 +154,22 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[MeshPiece]:
     return pieces
 
 
-def volumes(corners: Array) -> Array:
+def volumes_under(corners: Array) -> Array:
     """(t,) m³ of tetrahedra from the origin to triangles (t, 3, 3), negative where they face it."""
     a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
     across = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
     return np.asarray((a[0] * across[0] + a[1] * across[1] + a[2] * across[2]) / 6.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Triangles (t, 3) that are connected, and what `MeshPiece` says of them."""
-
-    triangles: Triangles
-    watertight: bool
-    agreeing: bool
-
-
-def _connected(points: Array, triangles: Triangles) -> list[_Group]:
-    """The triangles of each piece that shares vertices."""
-    if not len(triangles):
-        return []
-    count = len(points)
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    # Adds up, for each edge, its triangles, and in higher bits those one way less the other way.
-    way = np.sign(ends - starts) * _WAY + 1
-    edges = coo_matrix((way, (np.minimum(starts, ends), np.maximum(starts, ends))), (count, count))
-    graph = edges.tocsr()
-    pieces, label = connected_components(graph, directed=False)
-    label = label.astype(np.int64)
-    of_edge = np.repeat(label, np.diff(graph.indptr))
-    watertight, agreeing = np.ones((2, pieces), np.bool_)
-    watertight[of_edge[graph.data % _WAY != 2]] = False
-    agreeing[of_edge[graph.data // _WAY != 0]] = False
-    of_triangle = label[triangles[:, 0]]
-    order = np.argsort(of_triangle, kind="stable")
-    first = np.flatnonzero(np.diff(of_triangle[order], prepend=-1))
-    return [
-        _Group(group, bool(watertight[k]), bool(agreeing[k]))
-        for group, k in zip(
-            np.split(triangles[order], first[1:]), of_triangle[order][first].tolist(), strict=True
-        )
-    ]
-
-
-def _once(group: _Group) -> Triangles:
-    """Of a surface that has all its triangles twice, as a front and a back or the same again, the
-    first of each; else all of them."""
-    if group.watertight:
-        return group.triangles
-    corners = np.sort(group.triangles, axis=1)
-    _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
-    return group.triangles[np.sort(first)] if count.min() > 1 else group.triangles
-
-
-def _pieces(points: Array, groups: list[_Group]) -> list[MeshPiece]:
+def _pieces_of(components: Components) -> list[MeshPiece]:
+    order = np.argsort(components.label, kind="stable")
+    first = np.flatnonzero(np.diff(components.label[order]) != 0) + 1
     pieces = []
-    for group in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
-        used, triangles = used_rows(group.triangles, len(points))
-        vertices = points[used]
-        solid = group.watertight and group.agreeing
-        if solid:
-            corners = vertices[triangles]
-            if volumes(corners - corners.mean(axis=(0, 1))).sum() < 0.0:
-                triangles = triangles[:, ::-1]
-        pieces.append(MeshPiece(vertices, triangles, group.watertight, solid))
+    for corners, closed in zip(
+        np.split(components.corners[order], first), components.closed, strict=True
+    ):
+        inward = closed and volumes_under(corners - corners.mean(axis=(0, 1))).sum() < 0.0
+        pieces.append(MeshPiece(corners[:, ::-1] if inward else corners, bool(closed)))
     return pieces
 
 

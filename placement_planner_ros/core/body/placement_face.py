@@ -18,11 +18,11 @@ from placement_planner_ros.core.body.stable_poses import (
 from placement_planner_ros.core.body.tipping import Index, Mask, Tipping
 from placement_planner_ros.core.types import Array, frozen_array
 
-_CONTACT, _CONTACT_HEIGHT = 0.2, 0.01
+CONTACT_SHARE, CONTACT_HEIGHT_SHARE = 0.2, 0.01
 """Shares of the flatness, and of the height of the centre of mass, up to which a vertex above the
 plane is one that touches it."""
 
-_ROUNDING = 1e-7
+ROUNDING_M = 1e-7
 """Metres."""
 
 
@@ -69,12 +69,12 @@ def placement_faces(
     """
     tipping = Tipping.of(points, center)
     found = stable_poses(tipping, settings.flatness, settings.merge_angle)
-    faces = [_face(tipping, rest, center, settings) for rest in found]
+    faces = [_face_of(tipping, rest, center, settings) for rest in found]
     faces.sort(key=lambda made: (-made[0].area, -made[1]))
     return tuple(face for face, _ in faces)
 
 
-def offered(
+def offered_faces(
     faces: tuple[PlacementFace, ...], settings: BodySettings, warnings: list[str]
 ) -> tuple[tuple[PlacementFace, ...], int]:
     """The faces that a placement may use, and how many were left out; warns where there is none."""
@@ -84,7 +84,7 @@ def offered(
     return kept, len(faces) - len(kept)
 
 
-def _face(
+def _face_of(
     tipping: Tipping, rest: StablePose, center: Array, settings: BodySettings
 ) -> tuple[PlacementFace, float]:
     """The face of a rest, and the area that touches, m².
@@ -97,17 +97,17 @@ def _face(
     height = float(offset - normal @ center)
     depths = offset - tipping.vertices @ normal
     axes = _plane_axes(normal)
-    touching = min(_CONTACT * settings.flatness, _CONTACT_HEIGHT * height)
-    touches = depths <= max(touching, _ROUNDING)
+    touching = min(CONTACT_SHARE * settings.flatness, CONTACT_HEIGHT_SHARE * height)
+    touches = depths <= max(touching, ROUNDING_M)
     touches[tipping.facets[rest.facet]] = True
     _, contact = _convex_polygon((tipping.vertices[touches] - center) @ axes.T)
     bears = touches | (depths <= settings.flatness)
-    if not rest.rolls and not _holds(contact, height):
+    if not rest.rolls and not _holds_firmly(contact, height):
         bears |= _rocks_on(tipping, rest)
     near = tipping.vertices[bears]
     near = near + (offset - near @ normal)[:, None] * normal  # onto the plane
     order, outline = _convex_polygon(near @ axes.T)
-    vertices = near[_thinned(order, outline, settings.max_face_vertices)]
+    vertices = near[_thinned_corners(order, outline, settings.max_face_vertices)]
     rotation = _axes_along(vertices, normal)
     face = PlacementFace(
         vertices=frozen_array(vertices),
@@ -120,7 +120,7 @@ def _face(
     return face, _polygon_area(contact)
 
 
-def _thinned(order: Index, outline: Array, most: int) -> Index:
+def _thinned_corners(order: Index, outline: Array, most: int) -> Index:
     """Of indices (k,) of corners (k, 2) at most so many, extreme in evenly spread directions."""
     if len(order) <= most:
         return order
@@ -138,7 +138,7 @@ def _axes_along(vertices: Array, normal: Array) -> Array:
     return np.stack((along, np.cross(-normal, along), -normal))
 
 
-def _holds(outline: Array, height: float) -> bool:
+def _holds_firmly(outline: Array, height: float) -> bool:
     """Whether tipping over each edge of the outline about the centre takes enough energy."""
     distance = float(_edge_distances(outline).min())
     return distance > 0.0 and GRAVITY * (np.hypot(height, distance) - height) >= TIPPING_ENERGY

@@ -17,21 +17,21 @@ TIPPING_ENERGY = 0.002
 of height. Of boxes 21 to 30 mm thin, scanned with noise of 1 mm, nine sides in ten take as much,
 and all where the noise is half that; facets that noise leaves on a round side take less."""
 
-_LEAVES, _ROCKS = 0.35, 0.12
+LEFT_REST_RAD, ROCKING_RAD = 0.35, 0.12
 """Radians: a body that turned by more than the first has left its rest. Half that energy must not
 turn it by more than the second, or it would not stay where it is put."""
 
-_ROLLS, _LEVEL = 1.05, 0.04
+ROLLING_RAD, LEVEL_SHARE = 1.05, 0.04
 """A body rolls where it can turn by more than that, radians, while its height changes by less than
 this share of it: 0.035 is what a prism of 12 sides rises by, 0.042 one of 11."""
 
-_SMALL = 0.1
+NOISE_SHARE = 0.1
 """Share of the height up to which a rise may be taken for noise: cubes rise by 0.41 of it."""
 
-_APART = 0.8
+ROUND_SIDE_SPACING_RAD = 0.8
 """Radians between rests of one round side."""
 
-_LOCAL = 1e-6
+ROUNDING_M = 1e-6
 """Depth, metres, of valleys along a round side that are no rounding."""
 
 
@@ -58,36 +58,47 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
             keep a body from rolling.
         merge_angle: radians within which the lowest rest stands for all.
     """
-    bottoms = tipping.valleys(_LOCAL)
-    found = [_rest(tipping, int(facet), bottoms, flatness) for facet in tipping.valleys(_depth())]
-    firm = _spread(tipping, [rest for rest in found if not rest.rolls], merge_angle)
+    bottoms = tipping.valleys(ROUNDING_M)
+    found = [
+        _rest_on(tipping, int(facet), bottoms, flatness)
+        for facet in tipping.valleys(_tipping_height())
+    ]
+    firm = _spread_rests(tipping, [rest for rest in found if not rest.rolls], merge_angle)
     round_ = {
         each.facet: each
         for rest in found
         if rest.rolls
-        for each in _along(tipping, rest, bottoms, flatness)
+        for each in _rests_of_round_side(tipping, rest, bottoms, flatness)
     }
     clear = [rest for rest in round_.values() if _is_apart(tipping, rest, firm, merge_angle)]
-    return tuple(sorted([*firm, *_spread(tipping, clear, _APART)], key=lambda rest: rest.facet))
+    return tuple(
+        sorted(
+            [*firm, *_spread_rests(tipping, clear, ROUND_SIDE_SPACING_RAD)],
+            key=lambda rest: rest.facet,
+        )
+    )
 
 
-def _depth() -> float:
+def _tipping_height() -> float:
     return TIPPING_ENERGY / GRAVITY
 
 
-def _rest(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
-    energy = _energy(tipping, facet, _LEAVES)
-    if energy < TIPPING_ENERGY or _energy(tipping, facet, _ROCKS) < 0.5 * TIPPING_ENERGY:
+def _rest_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
+    energy = _energy_to_turn(tipping, facet, LEFT_REST_RAD)
+    if (
+        energy < TIPPING_ENERGY
+        or _energy_to_turn(tipping, facet, ROCKING_RAD) < 0.5 * TIPPING_ENERGY
+    ):
         return StablePose(facet, energy, rolls=True)
-    return StablePose(facet, energy, rolls=_rolls(tipping, facet, bottoms, flatness))
+    return StablePose(facet, energy, rolls=_rolls_on(tipping, facet, bottoms, flatness))
 
 
-def _energy(tipping: Tipping, facet: int, angle: float) -> float:
+def _energy_to_turn(tipping: Tipping, facet: int, angle: float) -> float:
     """J/kg that turns the body by more than that from a facet, radians."""
     return GRAVITY * (tipping.way_out(facet, angle) - float(tipping.heights[facet]))
 
 
-def _rolls(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> bool:
+def _rolls_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> bool:
     """Whether the body could roll on from a facet to others on which it could stay as well.
 
     What topples over an edge keeps its height for a while, too, but stays nowhere on the way.
@@ -95,28 +106,28 @@ def _rolls(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> boo
     Args:
         bottoms: facets on which it could stay if nothing moved it.
     """
-    level = tipping.around(facet, *_band(float(tipping.heights[facet]), flatness))
+    level = tipping.around(facet, *_height_band(float(tipping.heights[facet]), flatness))
     turned = tipping.normals[bottoms[level[bottoms]]] @ tipping.normals[facet]
-    return bool(turned.min(initial=1.0) < np.cos(_ROLLS))
+    return bool(turned.min(initial=1.0) < np.cos(ROLLING_RAD))
 
 
-def _band(height: float, flatness: float) -> tuple[float, float]:
+def _height_band(height: float, flatness: float) -> tuple[float, float]:
     """Lowest and highest of a body that rolls from that height, metres."""
-    change = max(min(flatness, _SMALL * height), _LEVEL * height)
+    change = max(min(flatness, NOISE_SHARE * height), LEVEL_SHARE * height)
     return height - change, height + change
 
 
-def _along(
+def _rests_of_round_side(
     tipping: Tipping, rest: StablePose, bottoms: Index, flatness: float
 ) -> Iterator[StablePose]:
     """All rests of the round side that this one is on."""
     yield rest
-    level = tipping.around(rest.facet, *_band(float(tipping.heights[rest.facet]), flatness))
+    level = tipping.around(rest.facet, *_height_band(float(tipping.heights[rest.facet]), flatness))
     for facet in bottoms[level[bottoms]].tolist():
         yield StablePose(facet, rest.energy, rolls=True)
 
 
-def _spread(tipping: Tipping, given: list[StablePose], apart: float) -> list[StablePose]:
+def _spread_rests(tipping: Tipping, given: list[StablePose], apart: float) -> list[StablePose]:
     """Of rests within that angle of each other, radians, the lowest."""
     kept: list[StablePose] = []
     for rest in sorted(given, key=lambda rest: float(tipping.heights[rest.facet])):

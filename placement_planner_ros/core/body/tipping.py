@@ -22,7 +22,7 @@ from placement_planner_ros.core.types import Array
 Index = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-_SAME = 1e-7
+SAME_PLANE_RAD = 1e-7
 """Radians within which facets are one plane."""
 
 
@@ -59,7 +59,7 @@ class Tipping:
         normals, beside = hull.equations[:, :3], hull.neighbors.astype(np.int64)
         corners = np.einsum("fik,fk->fi", vertices[facets] - center, normals)
         heights = corners.max(axis=1)
-        passes = [_pass(normals, heights, other) for other in beside.T]
+        passes = [_pass_height(normals, heights, other) for other in beside.T]
         return cls(vertices, facets, normals, heights, beside, np.column_stack(passes))
 
     def valleys(self, depth: float) -> Index:
@@ -124,11 +124,11 @@ class Tipping:
         return np.asarray(label == label[facet])
 
 
-def _pass(normals: Array, heights: Array, other: Index) -> Array:
+def _pass_height(normals: Array, heights: Array, other: Index) -> Array:
     """(f,) the greatest of A cos φ + B sin φ, the height on the way from each facet to another."""
     apart = np.linalg.norm(normals - normals[other], axis=1)
     angle = 2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0))
-    wide = (angle > _SAME) & (angle < np.pi - _SAME)
+    wide = (angle > SAME_PLANE_RAD) & (angle < np.pi - SAME_PLANE_RAD)
     rise = heights[other] - heights * np.cos(angle)
     rise /= np.where(wide, np.sin(angle), 1.0)
     top = np.arctan2(rise, heights)

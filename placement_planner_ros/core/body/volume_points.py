@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
-from placement_planner_ros.core.body.mesh import volumes
-from placement_planner_ros.core.body.mesh_surroundings import surface_points
+from placement_planner_ros.core.body.mesh import volumes_under
+from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
-_FINE = 2_000_000
+UNION_CELLS = 2_000_000
 """Cells by which it is found what pieces share: 0.8 mm for a mug, whose walls are too thin for
 those of B_o."""
 
@@ -61,14 +61,14 @@ def center_of_union(solids: Array, hull: ConvexPart) -> Array:
     only what is enclosed more than once, as walls may be thinner than they are.
     """
     lower, upper = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
-    size = float((np.prod(upper - lower) / _FINE) ** (1.0 / 3.0))
-    cells = _cells(solids, *_grid(lower, upper, size), size)
+    size = float((np.prod(upper - lower) / UNION_CELLS) ** (1.0 / 3.0))
+    cells = _cells_inside(solids, *_centred_grid(lower, upper, size), size)
     points, more = cells[:, :3], 1.0 - cells[:, 3]
     if not len(points):
         return np.asarray(hull.vertices.mean(axis=0))
     middle = points.mean(axis=0)
     around = solids - middle
-    of_each = volumes(around)
+    of_each = volumes_under(around)
     volume = float(of_each.sum() + size**3 * more.sum())
     counted = size**3 * len(points)
     if not 0.5 * counted < volume < 2.0 * counted:  # surfaces that do not agree what is inside
@@ -78,8 +78,8 @@ def center_of_union(solids: Array, hull: ConvexPart) -> Array:
 
 
 def _voxel_centers(solids: Array, sheets: Array, lower: Array, upper: Array, size: float) -> Array:
-    start, count = _grid(lower, upper, size)
-    points = _cells(solids, start, count, size)[:, :3]
+    start, count = _centred_grid(lower, upper, size)
+    points = _cells_inside(solids, start, count, size)[:, :3]
     if not len(sheets):
         return points.copy()
     filled = np.zeros(count, np.bool_)
@@ -88,19 +88,21 @@ def _voxel_centers(solids: Array, sheets: Array, lower: Array, upper: Array, siz
     return np.asarray(start + np.argwhere(filled) * size)
 
 
-def _grid(lower: Array, upper: Array, size: float) -> tuple[Array, npt.NDArray[np.int64]]:
+def _centred_grid(lower: Array, upper: Array, size: float) -> tuple[Array, npt.NDArray[np.int64]]:
     """Its first point (3,), and how many there are along each axis."""
     count = np.maximum(np.ceil((upper - lower) / size - 1e-9).astype(np.int64), 1)
     return 0.5 * (lower + upper) - 0.5 * (count - 1) * size, count
 
 
-def _cells(solids: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
+def _cells_inside(solids: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
     """(n, 4) grid points that closed surfaces (s, 3, 3) enclose, and how often."""
-    return np.asarray(_inside(np.ascontiguousarray(solids), start, count, size))
+    return np.asarray(_winding_cells(np.ascontiguousarray(solids), start, count, size))
 
 
 @kernel(nogil=True)
-def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
+def _winding_cells(
+    triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float
+) -> Array:
     """(n, 4) grid points with a winding number other than 0, and that number, by the crossings of
     lines along z."""
     nx, ny, nz = count[0], count[1], count[2]

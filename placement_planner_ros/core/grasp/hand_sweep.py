@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.grasp.hull_simplification import few_corners
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.geometry import LinkCover, convex
+from placement_planner_ros.core.robot.geometry import LinkCover, convex_shape
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -91,7 +91,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         # The hull of each copy and the next.
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
             step(f"making what {link} sweeps as the hand opens")
-            hull = convex(ConvexHull(np.vstack([before, after])))
+            hull = convex_shape(np.vstack([before, after]))
             hull.setSweptSphereRadius(strays + lost)
             swept.addGeometryObject(
                 pin.GeometryObject(

@@ -31,7 +31,7 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
-from placement_planner_ros.core.robot.allowed_pairs import pair, srdf_line
+from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -243,7 +243,7 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
 def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
     """The fault of links that meet each other at q (nq,), with what they need to be left out."""
     # Where the links of each pair are deepest in each other.
-    rows = dict.fromkeys(pair(*each) for each in links)
+    rows = dict.fromkeys(sorted_pair(*each) for each in links)
     overlaps, placements = _robot_overlaps(robot), robot.geometry_poses(q)
     words = []
     for first, second in rows:

@@ -1,29 +1,79 @@
-"""Triangles of a mesh file, the same for links and objects."""
+"""Triangles of a mesh file, the same for links and objects.
+
+trimesh reads them, a .dae by pycollada. An .obj is assimp's, through coal: of several parts whose
+faces count vertices from the end trimesh takes others. (All else that has nodes within nodes coal
+puts together wrongly.) Loaders raise whatever they like at a file that is not what its name says,
+and take whatever memory it asks for: the node reads in a process of its own.
+"""
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import io
+import re
 import struct
 from pathlib import Path
 
+import coal
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
-from placement_planner_ros.core.meshes.collada import Triangles, read_collada
-from placement_planner_ros.core.meshes.headers import (
-    STL_TEXT,
-    check_archive,
-    check_header,
-    check_xml,
-    require_few,
-)
-from placement_planner_ros.core.meshes.threemf import read_3mf
-from placement_planner_ros.core.meshes.wavefront import absolute_faces
+from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.types import Array
 
-FURTHEST = 1e9
-"""Greatest coordinate; of some that are a hundred times as large equal and different ones are not
-told apart."""
+Triangles = npt.NDArray[np.int64]
+
+FORMATS = ".stl, .obj, .ply, .off, .glb, .dae"
+
+MAX_BYTES = 64_000_000
+"""Bytes that a mesh file may have."""
+
+MAX_COORDINATE = 1e9
+"""Greatest coordinate, in any unit: 64 bits tell 0.1 µm apart there."""
+
+_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
+_NO_SURFACE = re.compile(
+    rb"<(bind_material|library_(?:images|effects|materials|lights|cameras|animations)|extra)\b"
+    rb"(?:[^>]*/>|.*?</\1>)|<instance_(?:camera|light)\b(?:[^>]*/>|.*?</instance_\w+>)",
+    re.DOTALL,
+)
+"""What of a .dae has no surface: nothing about it can be wrong then."""
+
+
+def check_header(path: Path) -> None:
+    """Look at a mesh file's name and size.
+
+    Raises:
+        OSError: it is not there.
+        ValueError: it cannot be read, or holds too much; the message says why.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS.split(", "):
+        raise ValueError(f"{suffix or 'a file without suffix'} is not read; use {FORMATS}")
+    size = path.stat().st_size
+    if not 0 < size <= MAX_BYTES:
+        raise ValueError(f"the file has {size} bytes; a mesh file may have 1 to {MAX_BYTES}")
+
+
+def content_digest(suffix: str, data: bytes) -> bytes:
+    """A digest of all that `read_mesh` depends on, and of itself.
+
+    Args:
+        suffix: of the file's name, in lower case, with the dot.
+        data: the file's contents.
+    """
+    return hashlib.blake2b(
+        _digest_of_readers() + suffix.encode() + b"\0" + data, digest_size=32
+    ).digest()
+
+
+@functools.cache
+def _digest_of_readers() -> bytes:
+    """Of what reads meshes."""
+    versions = f"{trimesh.__version__} {coal.__version__}".encode()
+    return hashlib.sha256(versions + Path(__file__).read_bytes()).digest()
 
 
 def read_mesh(path: Path) -> tuple[Array, Triangles]:
@@ -38,69 +88,58 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
         Exception: whatever else loaders raise at what they are given.
     """
     check_header(path)
-    return mesh_of(path.suffix.lower(), path.read_bytes())
-
-
-def mesh_of(suffix: str, data: bytes) -> tuple[Array, Triangles]:
-    """`read_mesh` of a file's contents whose header was looked at.
-
-    Args:
-        suffix: of its name, in lower case, with the dot.
-    """
-    vertices, triangles = _contents(suffix, data)
+    load = _read_by_assimp if path.suffix.lower() == ".obj" else _read_by_trimesh
+    vertices, triangles = load(path)
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
-    require_few("triangles", len(triangles))  # before anybody takes memory for more
+    if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
+        raise ValueError(f"it has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise ValueError(f"{bad} of its vertices are not finite")
     furthest = float(np.abs(vertices).max())
-    if furthest > FURTHEST:
+    if furthest > MAX_COORDINATE:
         raise ValueError(
             f"its coordinates reach {furthest:.3g}, too large in any unit; no more than "
-            f"{FURTHEST:g} is read: export it anew, best in metres"
+            f"{MAX_COORDINATE:g} is read: export it anew, best in metres"
         )
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
 
-def _contents(suffix: str, data: bytes) -> tuple[Array, Triangles]:
+def _read_by_assimp(path: Path) -> tuple[Array, Triangles]:
+    try:
+        mesh = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.ones(3))
+    except ValueError as error:
+        words = str(error).partition("message:")[2].partition("Hint:")[0]
+        raise ValueError(" ".join(words.split()) or "it holds no triangles") from error
+    rows = ((each[0], each[1], each[2]) for each in map(mesh.tri_indices, range(mesh.num_tris)))
+    return np.array(mesh.vertices()).reshape(-1, 3), np.array(list(rows), np.int64).reshape(-1, 3)
+
+
+def _read_by_trimesh(path: Path) -> tuple[Array, Triangles]:
+    suffix, data, scale = path.suffix.lower(), path.read_bytes(), 1.0
+    options: dict[str, bool] = {}
     if suffix == ".dae":
-        check_xml(data)
-        return read_collada(data)
-    if suffix == ".3mf":
-        check_archive(data)
-        return read_3mf(data)
-    if suffix == ".stl":
-        data = _one_stl(data)
-    elif suffix == ".obj":
-        data = absolute_faces(_utf8(data))
-    elif suffix == ".off":
-        data = _utf8(data)
+        if b"<!ENTITY" in data:  # which names other files, or multiplies
+            raise ValueError("it defines an entity")
+        stated = _UNIT.search(data)
+        scale = float(stated[1]) if stated else 1.0
+        if not 0.0 < scale < np.inf:
+            raise ValueError(f"its unit is {scale} m; give a number above 0")
+        data, options["ignore_broken"] = _NO_SURFACE.sub(b"", data), False
+    elif suffix == ".stl" and b"\0" in data[:1000] and len(data) >= 84:
+        (count,) = struct.unpack("<I", data[80:84])
+        data = data[: 84 + 50 * count]  # some programs append to a binary one
+    elif suffix in (".stl", ".off"):
+        data = data.decode("utf-8", errors="replace").encode()  # names may be in any encoding
+    elif suffix == ".ply":  # without its picture, whose absence is told at length
+        options["skip_materials"] = True
     # By its contents alone, so that it cannot name other files, and misses none that it names.
-    # Without the picture that a PLY may name, whose absence is told at length.
-    plain = {"skip_materials": True} if suffix == ".ply" else {}
-    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **plain)
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError("it holds no triangles")
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-
-
-def _one_stl(data: bytes) -> bytes:
-    """Without what some programs append to a binary one."""
-    if b"\0" not in data[:STL_TEXT]:
-        return _utf8(data)
-    (count,) = struct.unpack("<I", data[80:84])
-    return data[: 84 + 50 * count]
-
-
-def _utf8(data: bytes) -> bytes:
-    """A text whose names and comments may be in another encoding."""
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return data.decode("latin-1").encode()
-    return data
+    return scale * np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

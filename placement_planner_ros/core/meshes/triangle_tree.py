@@ -11,11 +11,11 @@ import numpy.typing as npt
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
-_LEAF = 4
+TRIANGLES_IN_LEAF = 4
 """Triangles of a leaf."""
-_BITS = 10
+BITS_OF_PLACE = 10
 """Of a triangle's place along each axis, by which the leaves are ordered."""
-_DEPTH = 64
+MAX_WAITING = 64
 """Nodes that wait at most: a tree of 2^30 leaves has as many levels as half of that."""
 _WAYS = np.array([[0.5477, 0.2739, 0.7906], [-0.3244, 0.8111, -0.4867]])
 """(2, 3) directions of the lines that tell inside from outside; along no axis, as edges are."""
@@ -47,13 +47,13 @@ class TriangleTree:
         middles = corners.mean(axis=1)
         low = middles.min(axis=0)
         size = np.maximum(np.ptp(middles, axis=0), np.finfo(float).tiny)
-        places = ((middles - low) / size * ((1 << _BITS) - 1)).astype(np.int64)
-        order = np.argsort(_interleaved(places), kind="stable")
-        leaves = 1 << int(np.ceil(np.log2(-(-len(corners) // _LEAF))))
+        places = ((middles - low) / size * ((1 << BITS_OF_PLACE) - 1)).astype(np.int64)
+        order = np.argsort(_interleaved_bits(places), kind="stable")
+        leaves = 1 << int(np.ceil(np.log2(-(-len(corners) // TRIANGLES_IN_LEAF))))
         sorted_ = np.ascontiguousarray(corners[order], dtype=np.float64)
         boxes = np.empty((2 * leaves, 6))
         boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
-        first = np.arange(0, len(sorted_), _LEAF)
+        first = np.arange(0, len(sorted_), TRIANGLES_IN_LEAF)
         rows = slice(leaves, leaves + len(first))
         boxes[rows, :3] = np.minimum.reduceat(sorted_.min(axis=1), first)
         boxes[rows, 3:] = np.maximum.reduceat(sorted_.max(axis=1), first)
@@ -72,7 +72,7 @@ class TriangleTree:
             of the triangles, NaN where that is so.
         """
         found, nearest = np.empty(len(points)), np.full((len(points), 3), np.nan)
-        _signed(
+        _signed_distances(
             np.ascontiguousarray(points, dtype=np.float64),
             self.corners,
             self.boxes,
@@ -85,17 +85,17 @@ class TriangleTree:
         return found - self.radius, nearest
 
 
-def _interleaved(places: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _interleaved_bits(places: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """(n,) the bits of (n, 3) numbers in turn: what is near each other has numbers alike."""
     mixed = np.zeros(len(places), np.int64)
-    for bit in range(_BITS):
+    for bit in range(BITS_OF_PLACE):
         for axis in range(3):
             mixed |= ((places[:, axis] >> bit) & 1) << (3 * bit + axis)
     return mixed
 
 
 @kernel(nogil=True)
-def _signed(
+def _signed_distances(
     points: Array,
     corners: Array,
     boxes: Array,
@@ -107,7 +107,7 @@ def _signed(
 ) -> None:
     """Fill `found` (n,) and `nearest` (n, 3), see `TriangleTree.distances`."""
     leaves = boxes.shape[0] // 2
-    waiting = np.empty(_DEPTH, np.int64)
+    waiting = np.empty(MAX_WAITING, np.int64)
     spot = np.empty(3)
     for i in range(points.shape[0]):
         point = points[i]
@@ -117,35 +117,35 @@ def _signed(
             # the nearest triangle is in no box that is farther away than one already found
             count -= 1
             node = waiting[count]
-            if _apart(boxes[node], point) >= best:
+            if _squared_from_box(boxes[node], point) >= best:
                 continue
             if node < leaves:
                 near, far = 2 * node, 2 * node + 1
-                if _apart(boxes[far], point) < _apart(boxes[near], point):
+                if _squared_from_box(boxes[far], point) < _squared_from_box(boxes[near], point):
                     near, far = far, near
                 waiting[count], waiting[count + 1] = far, near
                 count += 2
                 continue
-            first = (node - leaves) * _LEAF
-            for t in range(first, min(first + _LEAF, corners.shape[0])):
+            first = (node - leaves) * TRIANGLES_IN_LEAF
+            for t in range(first, min(first + TRIANGLES_IN_LEAF, corners.shape[0])):
                 away = _from_triangle(corners[t], point, spot)
                 if away < best:
                     best = away
                     for k in range(3):
                         nearest[i, k] = spot[k]
         found[i] = np.sqrt(best) if best < cap * cap else np.inf
-        if closed and _apart(boxes[1], point) == 0.0:
+        if closed and _squared_from_box(boxes[1], point) == 0.0:
             # inside is where a line to infinity leaves the surface more often than it enters
             inside = True
             for w in range(ways.shape[0]):
-                if inside and _crossings(corners, boxes, point, ways[w], waiting) == 0:
+                if inside and _signed_crossings(corners, boxes, point, ways[w], waiting) == 0:
                     inside = False
             if inside:
                 found[i] = -found[i]
 
 
 @kernel(inline=True)
-def _apart(box: Array, point: Array) -> float:
+def _squared_from_box(box: Array, point: Array) -> float:
     """Squared distance of a point (3,) from a box (6,)."""
     total = 0.0
     for k in range(3):
@@ -155,34 +155,36 @@ def _apart(box: Array, point: Array) -> float:
 
 
 @kernel(inline=True)
-def _from(point: Array, corner: Array) -> Vector:
+def _vector_from(point: Array, corner: Array) -> Vector:
     """The way from a point (3,) to a corner (3,)."""
     return corner[0] - point[0], corner[1] - point[1], corner[2] - point[2]
 
 
 @kernel(inline=True)
-def _dot(u: Vector, v: Vector) -> float:
+def _dot_product(u: Vector, v: Vector) -> float:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
 @kernel(inline=True)
-def _cross(u: Vector, v: Vector) -> Vector:
+def _cross_product(u: Vector, v: Vector) -> Vector:
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 
 @kernel(lean=True)
 def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
     """Squared distance of a point (3,) from a triangle (3, 3), written with its nearest point."""
-    normal = _cross(_from(corners[0], corners[1]), _from(corners[0], corners[2]))
-    area = _dot(normal, normal)
+    normal = _cross_product(
+        _vector_from(corners[0], corners[1]), _vector_from(corners[0], corners[2])
+    )
+    area = _dot_product(normal, normal)
     inside = area > 0.0
     best = np.inf
     for k in range(3):
         # the nearest point of each edge, and whether the triangle is on the point's side of it
-        edge, away = _from(corners[k], corners[(k + 1) % 3]), _from(corners[k], point)
-        inside = inside and _dot(_cross(edge, away), normal) >= 0.0
-        length = _dot(edge, edge)
-        share = min(max(_dot(edge, away) / length, 0.0), 1.0) if length > 0.0 else 0.0
+        edge, away = _vector_from(corners[k], corners[(k + 1) % 3]), _vector_from(corners[k], point)
+        inside = inside and _dot_product(_cross_product(edge, away), normal) >= 0.0
+        length = _dot_product(edge, edge)
+        share = min(max(_dot_product(edge, away) / length, 0.0), 1.0) if length > 0.0 else 0.0
         apart = 0.0
         for m in range(3):
             apart += (away[m] - share * edge[m]) ** 2
@@ -192,7 +194,7 @@ def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
                 spot[m] = corners[k, m] + share * edge[m]
     if inside:
         # straight above the triangle, so that its plane is nearer than its edges
-        height = _dot(_from(corners[0], point), normal) / area
+        height = _dot_product(_vector_from(corners[0], point), normal) / area
         for m in range(3):
             spot[m] = point[m] - height * normal[m]
         best = height * height * area
@@ -200,7 +202,7 @@ def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
 
 
 @kernel(lean=True)
-def _crossings(
+def _signed_crossings(
     corners: Array, boxes: Array, point: Array, way: Array, waiting: npt.NDArray[np.int64]
 ) -> int:
     """How often a line from a point (3,) along `way` leaves a surface, less how often it enters."""
@@ -223,21 +225,21 @@ def _crossings(
             waiting[count], waiting[count + 1] = 2 * node, 2 * node + 1
             count += 2
             continue
-        first = (node - leaves) * _LEAF
-        for t in range(first, min(first + _LEAF, corners.shape[0])):
+        first = (node - leaves) * TRIANGLES_IN_LEAF
+        for t in range(first, min(first + TRIANGLES_IN_LEAF, corners.shape[0])):
             # the line passes all three edges on the same side, and the plane ahead of the point
             a, b, c = (
-                _from(point, corners[t, 0]),
-                _from(point, corners[t, 1]),
-                _from(point, corners[t, 2]),
+                _vector_from(point, corners[t, 0]),
+                _vector_from(point, corners[t, 1]),
+                _vector_from(point, corners[t, 2]),
             )
             ab, bc, ca = (
-                _dot(line, _cross(a, b)),
-                _dot(line, _cross(b, c)),
-                _dot(line, _cross(c, a)),
+                _dot_product(line, _cross_product(a, b)),
+                _dot_product(line, _cross_product(b, c)),
+                _dot_product(line, _cross_product(c, a)),
             )
             same = (ab >= 0.0 and bc >= 0.0 and ca >= 0.0) or (ab < 0.0 and bc < 0.0 and ca < 0.0)
             volume = ab + bc + ca
-            if same and volume != 0.0 and _dot(a, _cross(b, c)) / volume > 0.0:
+            if same and volume != 0.0 and _dot_product(a, _cross_product(b, c)) / volume > 0.0:
                 total += 1 if volume > 0.0 else -1
     return total

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.did_you_mean import did_you_mean
@@ -18,6 +18,8 @@ from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
+
+BODY = pin.FrameType.BODY
 
 Pair = tuple[str, str]
 """Two link names, sorted."""
@@ -46,7 +48,7 @@ _WORDS = {
     "start": "overlap where the robot stands",
 }
 
-_NAMED = 20
+MAX_NAMED = 20
 """Unknown links that are warned of one by one."""
 
 
@@ -58,15 +60,12 @@ class LeftOut:
         links: which.
         reason: why; `zero` and `start` are the poses at which their meshes overlap.
         joints: movable joints between them.
-        depth: metres by which one must be moved that their meshes overlap no more, where they were
-            first seen to overlap; 0 where nobody looked.
         share: of random configurations in which they overlap.
     """
 
     links: Pair
     reason: Reason
     joints: int
-    depth: float = field(default=0.0, compare=False)
     share: float = field(default=0.0, compare=False)
 
     @property
@@ -81,14 +80,12 @@ class LeftOut:
 
     def __str__(self) -> str:
         words = f"{self.links[0]} and {self.links[1]} {_WORDS[self.reason]}"
-        if self.can_hide:
-            words += f", {self.depth:.4f} m deep"
         if self.share:
             words += f", in {self.share:.0%} of random configurations"
         return words
 
 
-def pair(a: str, b: str) -> Pair:
+def sorted_pair(a: str, b: str) -> Pair:
     """The two links in sorted order."""
     return (a, b) if a <= b else (b, a)
 
@@ -130,28 +127,28 @@ def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
         )
 
     def pairs(tag: str) -> set[Pair]:
-        return {pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}
+        return {sorted_pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}
 
     silent = {e.get("link", "") for e in root.findall("disable_default_collisions")}
     given = pairs("disable_collisions")
     unknown = sorted((silent | {link for p in given for link in p}) - set(links))
-    disabled = {pair(a, b) for a in silent.intersection(links) for b in links}
+    disabled = {sorted_pair(a, b) for a in silent.intersection(links) for b in links}
     disabled = (disabled - pairs("enable_collisions")) | given
-    warnings = [_unknown(link, links) for link in unknown[:_NAMED]]
-    if len(unknown) > _NAMED:
-        warnings.append(f"the SRDF names {len(unknown) - _NAMED} more that the URDF has not")
+    warnings = [_unknown_link(link, links) for link in unknown[:MAX_NAMED]]
+    if len(unknown) > MAX_NAMED:
+        warnings.append(f"the SRDF names {len(unknown) - MAX_NAMED} more that the URDF has not")
     allowed = frozenset(p for p in disabled if set(p) <= set(links))
     passive = frozenset(e.get("name", "") for e in root.findall("passive_joint"))
     return Semantic(allowed, passive, tuple(warnings))
 
 
-def _unknown(link: str, links: tuple[str, ...]) -> str:
+def _unknown_link(link: str, links: tuple[str, ...]) -> str:
     meant = did_you_mean(link, links)
     words = "" if meant is None else f"; the nearest is {meant}"
     return f"the SRDF names link {link!r}, which the URDF has not{words}"
 
 
-def derive(
+def derive_allowed_pairs(
     description: Description,
     model: pin.Model,
     geometry: pin.GeometryModel,
@@ -171,154 +168,102 @@ def derive(
         StoppedError: nobody wants the result any more.
     """
     links = sorted(set(geometry_links))
-    between = joints_between(model)
-    joint = {link: _joint_of(model, link) for link in links}
+    joint = {link: model.frames[model.getFrameId(link, BODY)].parentJoint for link in links}
+    neighbours = _neighbouring_links(model, links)
+    apart = {(a, b): joints_between(model, joint[a], joint[b]) for a, b in combinations(links, 2)}
+    found = [LeftOut(p, "adjacent", apart[p]) for p in neighbours]
+    undecided = [p for p in apart if p not in neighbours and joint[p[0]] != joint[p[1]]]
+    pairs = LinkPairs(undecided, model, geometry, geometry_links, covers)
 
-    def apart(p: Pair) -> int:
-        return int(between[joint[p[0]], joint[p[1]]])
-
-    neighbours = _neighbours(description, links)
-    found = [LeftOut(p, "adjacent", apart(p)) for p in neighbours]
-    undecided = {
-        p: apart(p)
-        for p in combinations(links, 2)
-        if p not in neighbours and joint[p[0]] != joint[p[1]]
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    zero = _with_followers(description, model, np.clip(np.zeros(model.nq), lower, upper))
+    moved = {
+        n
+        for n in range(1, model.njoints)
+        if zero[n - 1] and not _is_follower(description, model, n)
     }
-    poses = _Poses(description, model)
-    rows = _PairRows(undecided, geometry, geometry_links, covers)
-    found += _overlapping(rows, undecided, model, geometry, poses)
+    needed = np.array([OFTEN if apart[p] <= NEARBY else ALWAYS for p in undecided])
+    at_zero = {
+        n
+        for n in pairs.meeting_at(zero)
+        if apart[undecided[n]] <= NEARBY
+        and not any(moved.intersection(model.supports[joint[link]]) for link in undecided[n])
+    }
+    needed[list(at_zero)] = 0.0
+    seen, rng = np.zeros(len(undecided), dtype=np.int64), np.random.default_rng(0)
+    for left in range(SAMPLES - 1, -1, -1):
+        if not len(pairs.rows):
+            break
+        step("finding links that overlap in most configurations")
+        q = _with_followers(description, model, rng.uniform(lower, upper))
+        seen[list(pairs.meeting_at(q))] += 1
+        # What cannot come to the share that it needs any more is not looked at again.
+        pairs.rows = pairs.rows[(seen + left >= needed * SAMPLES)[pairs.rows[:, 2]]]
+    for number in sorted(set(pairs.rows[:, 2].tolist())):
+        links_, share = undecided[number], float(seen[number] / SAMPLES)
+        if share >= ALWAYS:
+            found.append(LeftOut(links_, "always", apart[links_], share))
+        elif number in at_zero:
+            found.append(LeftOut(links_, "zero", apart[links_], share))
+        elif share > OFTEN and apart[links_] <= NEARBY:
+            found.append(LeftOut(links_, "often", apart[links_], share))
     return tuple(sorted(found, key=lambda left_out: left_out.links))
 
 
-class NearPairs:
-    """The pairs of a robot that are checked and lie at most `NEARBY` joints apart."""
+def joints_between(model: pin.Model, a: int, b: int) -> int:
+    """Movable joints on the way from what one joint carries to another."""
+    return len(set(model.supports[a]) ^ set(model.supports[b]))
+
+
+def _neighbouring_links(model: pin.Model, links: list[str]) -> set[Pair]:
+    """Each of the links with the next of them towards the root."""
+    found = set()
+    for link in links:
+        frame = model.getFrameId(link, BODY)
+        while (frame := model.frames[frame].parentFrame) != 0:
+            above = model.frames[frame]
+            if above.type == BODY and above.name in links:
+                found.add(sorted_pair(link, str(above.name)))
+                break
+    return found
+
+
+def _is_follower(description: Description, model: pin.Model, joint: int) -> bool:
+    return description.joints[model.names[joint]].mimic is not None
+
+
+def _with_followers(description: Description, model: pin.Model, q: Array) -> Array:
+    """q (nq,) in which mimicking joints follow their masters."""
+    for joint in range(1, model.njoints):
+        mimic = description.joints[model.names[joint]].mimic
+        if mimic is not None:
+            master = model.getJointId(mimic.master)
+            q[joint - 1] = mimic.multiplier * q[master - 1] + mimic.offset
+    return q
+
+
+class LinkPairs:
+    """The shapes of some pairs of links.
+
+    Attributes:
+        pairs: the links, numbered.
+        rows: (n, 3) every pair of shapes of each of them, and its number.
+    """
 
     def __init__(
         self,
+        pairs: Sequence[Pair],
         model: pin.Model,
         geometry: pin.GeometryModel,
         geometry_links: tuple[str, ...],
         covers: tuple[LinkCover | None, ...],
     ) -> None:
-        self._model, self._geometry = model, geometry
-        carriers = [thing.parentJoint for thing in geometry.geometryObjects]
-        joints = np.array(carriers, dtype=np.int64)
-        checked = np.array([(p.first, p.second) for p in geometry.collisionPairs], dtype=np.int64)
-        checked = checked.reshape(-1, 2)
-        apart = joints_between(model)[joints[checked[:, 0]], joints[checked[:, 1]]]
-        near = np.flatnonzero(apart <= NEARBY)
-        self._joints = {
-            pair(geometry_links[a], geometry_links[b]): int(n)
-            for (a, b), n in zip(checked[near].tolist(), apart[near], strict=True)
-        }
-        self._rows = _PairRows(self._joints, geometry, geometry_links, covers)
-
-    def overlapping_at(self, q: Array) -> tuple[LeftOut, ...]:
-        """Those whose meshes overlap at q (nq,).
-
-        Where the robot itself stands there, they are not in each other.
-        """
-        rows = self._rows
-        depths = rows.depths_at(self._model, self._geometry, q)
-        return tuple(
-            LeftOut(p, "start", self._joints[p], depths[n])
-            for n, p in enumerate(rows.pairs)
-            if n in depths
-        )
-
-
-def joints_between(model: pin.Model) -> npt.NDArray[np.int64]:
-    """(njoints, njoints) movable joints on the way from what one joint carries to another."""
-    ways: list[list[int]] = [[]]
-    for joint in range(1, model.njoints):
-        ways.append([*ways[model.parents[joint]], joint])
-    number = len(ways)
-    apart = np.zeros((number, number), dtype=np.int64)
-    for a, b in combinations(range(number), 2):
-        common = sum(1 for x, y in zip(ways[a], ways[b], strict=False) if x == y)
-        apart[a, b] = apart[b, a] = len(ways[a]) + len(ways[b]) - 2 * common
-    return apart
-
-
-def _joint_of(model: pin.Model, link: str) -> int:
-    return int(model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint)
-
-
-def _neighbours(description: Description, links: list[str]) -> set[Pair]:
-    above = {
-        str(j.find("child").get("link")): str(j.find("parent").get("link"))  # type: ignore[union-attr]
-        for j in description.root.findall("joint")
-    }
-    known, found = set(links), set()
-    for link in links:
-        parent = above.get(link)
-        while parent is not None and parent not in known:
-            parent = above.get(parent)
-        if parent is not None:
-            found.add(pair(link, parent))
-    return found
-
-
-class _Poses:
-    """Configurations of a robot, (nq,) each, in which mimicking joints follow."""
-
-    def __init__(self, description: Description, model: pin.Model) -> None:
-        names = list(model.names[1:])
-        joints = [description.joints[name] for name in names]
-        self._lower = np.array([joint.lower for joint in joints])
-        self._upper = np.array([joint.upper for joint in joints])
-        self._mimics = [
-            (i, names.index(joint.mimic.master), joint.mimic)
-            for i, joint in enumerate(joints)
-            if joint.mimic is not None
-        ]
-        self._parents = list(model.parents)
-        self._rng = np.random.default_rng(0)
-
-    def zero(self) -> Array:
-        """All joints at zero, or at the limit next to it."""
-        return self._follow(np.clip(np.zeros(len(self._lower)), self._lower, self._upper))
-
-    def have_zero(self) -> set[int]:
-        """The joints (0 being the world) that are at zero there with all that carry them."""
-        q, able = self.zero(), {0}
-        for joint in range(1, len(self._parents)):
-            if self._parents[joint] in able and (q[joint - 1] == 0.0 or self._follows(joint - 1)):
-                able.add(joint)
-        return able
-
-    def _follows(self, i: int) -> bool:
-        return any(follower == i for follower, _, _ in self._mimics)
-
-    def random(self) -> Array:
-        """Uniform within the limits."""
-        return self._follow(self._rng.uniform(self._lower, self._upper))
-
-    def _follow(self, q: Array) -> Array:
-        for follower, master, mimic in self._mimics:
-            q[follower] = mimic.multiplier * q[master] + mimic.offset
-        return q
-
-
-class _PairRows:
-    """The shapes of some pairs of links.
-
-    Attributes:
-        pairs: the links, numbered.
-        table: (n, 3) every pair of shapes of each of them, and its number.
-    """
-
-    def __init__(
-        self,
-        pairs: dict[Pair, int],
-        geometry: pin.GeometryModel,
-        links: tuple[str, ...],
-        covers: tuple[LinkCover | None, ...],
-    ) -> None:
-        self.pairs = sorted(pairs)
-        self.overlaps = Overlaps.of(geometry, covers)
+        self.pairs = tuple(pairs)
+        self._model = model
+        self._shapes = [(g.parentJoint, pin.SE3(g.placement)) for g in geometry.geometryObjects]
+        self._overlaps = Overlaps.of(geometry, covers)
         of_link: dict[str, list[int]] = {}
-        for i, link in enumerate(links):
+        for i, link in enumerate(geometry_links):
             of_link.setdefault(link, []).append(i)
         rows = [
             (i, j, number)
@@ -326,89 +271,44 @@ class _PairRows:
             for i in of_link[a]
             for j in of_link[b]
         ]
-        self.table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+        self.rows = np.array(rows, dtype=np.int64).reshape(-1, 3)
 
-    def meeting(self, placements: list[pin.SE3]) -> set[int]:
-        """Numbers of the pairs that overlap."""
+    @classmethod
+    def that_are_checked(
+        cls,
+        model: pin.Model,
+        geometry: pin.GeometryModel,
+        geometry_links: tuple[str, ...],
+        covers: tuple[LinkCover | None, ...],
+    ) -> LinkPairs:
+        """Those at most `NEARBY` joints apart that a robot's self-collision checks look at."""
+        joints = [thing.parentJoint for thing in geometry.geometryObjects]
+        near = {
+            sorted_pair(geometry_links[p.first], geometry_links[p.second])
+            for p in geometry.collisionPairs
+            if joints_between(model, joints[p.first], joints[p.second]) <= NEARBY
+        }
+        return cls(sorted(near), model, geometry, geometry_links, covers)
+
+    def meeting_at(self, q: Array) -> set[int]:
+        """Numbers of the pairs whose meshes overlap at q (nq,)."""
+        data = self._model.createData()
+        pin.forwardKinematics(self._model, data, q)
+        placed = [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in self._shapes]
         found: set[int] = set()
-        for i, j, number in self.table[self.overlaps.near(self.table, placements)].tolist():
-            if number not in found and self.overlaps.meet(i, j, placements[i], placements[j]):
+        for i, j, number in self.rows[self._overlaps.near(self.rows, placed)].tolist():
+            if number not in found and self._overlaps.meet(i, j, placed[i], placed[j]):
                 found.add(number)
         return found
 
-    def depths_at(
-        self,
-        model: pin.Model,
-        geometry: pin.GeometryModel,
-        q: Array,
-        wanted: set[int] | None = None,
-    ) -> dict[int, float]:
-        """Metres by which each pair (or each that is wanted) overlaps at q (nq,), if it does."""
-        placements = _placements(model, geometry, q)
-        numbers = self.meeting(placements) if wanted is None else wanted
-        depths: dict[int, float] = {}
-        for i, j, number in self.table.tolist():
-            if number in numbers:
-                step(f"measuring how deep {' and '.join(self.pairs[number])} overlap")
-                depth = self.overlaps.depth(i, j, placements[i], placements[j])
-                depths[number] = max(depths.get(number, 0.0), depth)
-        return depths
-
-
-def _placements(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> list[pin.SE3]:
-    data = geometry.createData()
-    pin.updateGeometryPlacements(model, model.createData(), geometry, data, q)
-    return list(data.oMg)
-
-
-def _overlapping(
-    rows: _PairRows,
-    undecided: dict[Pair, int],
-    model: pin.Model,
-    geometry: pin.GeometryModel,
-    poses: _Poses,
-) -> list[LeftOut]:
-    """Of these pairs, with the joints between them, those whose meshes say that they never meet."""
-    apart = np.array([undecided[p] for p in rows.pairs], dtype=np.int64)
-    zero = poses.zero()
-    posed = poses.have_zero()
-    at_zero = {
-        n
-        for n in rows.meeting(_placements(model, geometry, zero))
-        if apart[n] <= NEARBY and all(_joint_of(model, link) in posed for link in rows.pairs[n])
-    }
-    needed = np.where(apart <= NEARBY, OFTEN, ALWAYS)
-    needed[list(at_zero)] = 0.0
-    seen = np.zeros(len(apart), dtype=np.int64)
-    first: dict[int, Array] = dict.fromkeys(at_zero, zero)
-    for sample in range(SAMPLES):
-        if not len(rows.table):
-            break
-        step("finding links that overlap in most configurations")
-        q = poses.random()
-        for number in rows.meeting(_placements(model, geometry, q)):
-            seen[number] += 1
-            first.setdefault(number, q)
-        # what cannot come to the share that it needs any more is not looked at again
-        possible = seen + (SAMPLES - 1 - sample)
-        rows.table = rows.table[(possible >= needed * SAMPLES)[rows.table[:, 2]]]
-    share = seen / SAMPLES
-    found = []
-    kept = sorted(set(rows.table[:, 2].tolist()))
-    for number in kept:
-        reason: Reason = "zero" if number in at_zero else "often"
-        if share[number] >= ALWAYS:
-            reason = "always"
-        elif reason == "often" and not (share[number] > OFTEN and apart[number] <= NEARBY):
-            continue
-        depths = rows.depths_at(model, geometry, first[number], {number})
-        found.append(
-            LeftOut(
-                rows.pairs[number],
-                reason,
-                int(apart[number]),
-                depths[number],
-                float(share[number]),
-            )
+    def left_out_at(self, q: Array) -> tuple[LeftOut, ...]:
+        """Those that overlap at q (nq,), where the robot stands: they are not in each other."""
+        links = [self.pairs[number] for number in sorted(self.meeting_at(q))]
+        joint = [
+            [self._model.frames[self._model.getFrameId(link, BODY)].parentJoint for link in both]
+            for both in links
+        ]
+        return tuple(
+            LeftOut(both, "start", joints_between(self._model, *ids))
+            for both, ids in zip(links, joint, strict=True)
         )
-    return found

@@ -8,7 +8,7 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import Assumed
 from placement_planner_ros.core.robot.model import Robot
 
-_NAMED = 2
+MAX_NAMED = 2
 """Joints of a list that are named at most."""
 
 
@@ -31,8 +31,8 @@ class SharedJoint:
 
     def __str__(self) -> str:
         reach = f" ({self.lower:g} to {self.upper:g} {self.unit})" if self.unit else ""
-        more = len(self.moves) - _NAMED
-        named = ", ".join(self.moves[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+        more = len(self.moves) - MAX_NAMED
+        named = ", ".join(self.moves[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
         return f"{self.name}{reach}, which moves {named} too"
 
 
@@ -89,7 +89,7 @@ class Announcement:
         if not found:
             return ""
         words = [
-            f"{what} limit {value:g} {unit} of {_some(joints)}"
+            f"{what} limit {value:g} {unit} of {_named_or_counted(joints)}"
             for (what, value, unit), joints in found.items()
         ]
         return (
@@ -108,7 +108,7 @@ class Announcement:
         return [words for words in (self.torso, self.limits(accelerations) if odd else "") if words]
 
 
-def announce(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
+def announce_arm(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
     """What there is to know of an arm of this robot.
 
     Args:
@@ -129,7 +129,7 @@ def announce(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
                     joint,
                     float(arm.lower[k]),
                     float(arm.upper[k]),
-                    "" if joint in arm.continuous else _unit(robot, joint),
+                    "" if joint in arm.continuous else _unit_of(robot, joint),
                     free,
                 )
             )
@@ -138,15 +138,15 @@ def announce(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
         arm.joints,
         derived,
         tuple(shared),
-        tuple(joint for joint in arm.joints if _unit(robot, joint) == "m"),
+        tuple(joint for joint in arm.joints if _unit_of(robot, joint) == "m"),
         tuple(each for each in robot.assumed if each.joint in arm.joints),
     )
 
 
-def _some(joints: list[str]) -> str:
-    return ", ".join(joints) if len(joints) <= _NAMED else f"{len(joints)} joints"
+def _named_or_counted(joints: list[str]) -> str:
+    return ", ".join(joints) if len(joints) <= MAX_NAMED else f"{len(joints)} joints"
 
 
-def _unit(robot: Robot, joint: str) -> str:
+def _unit_of(robot: Robot, joint: str) -> str:
     kind = robot.model.joints[robot.model.getJointId(joint)].shortname()
     return "m" if "JointModelP" in kind else "rad"

@@ -12,7 +12,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
 
-_ROUNDING = 1e-12
+ROUNDING = 1e-12
 """rad or m"""
 
 
@@ -118,8 +118,8 @@ class Arm:
             if factor == 0.0:
                 continue
             low, high = sorted((end[int(joint)] - offset) / factor for end in (lower, upper))
-            lower[int(other)] = max(lower[int(other)], low - _ROUNDING)
-            upper[int(other)] = min(upper[int(other)], high + _ROUNDING)
+            lower[int(other)] = max(lower[int(other)], low - ROUNDING)
+            upper[int(other)] = min(upper[int(other)], high + ROUNDING)
         ends = np.sort(follow_masters(self.ties, np.stack([lower, upper])), axis=0)
         if (ends[0] > ends[1]).any() or (lower > upper)[self.ties[:, 1].astype(int)].any():
             remedy = "limits of joints that mimic each other leave them no range; widen them"

@@ -40,17 +40,8 @@ MAX_LINKS = 500
 MAX_JOINTS = 300
 """Movable joints that a robot may have: what its kinematics need grows with their cube."""
 
-MAX_ATTRIBUTES = 100
-"""Attributes that one element may have: what reads URDF compares each with all others."""
-
-_NAMED = 5
+MAX_NAMED = 5
 """Joints that are named at most."""
-
-_SHOWN = 60
-"""Characters of what is no XML that are shown."""
-
-MAX_DEPTH = 50
-"""Elements that may lie within each other: what reads URDF calls itself for each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +100,14 @@ class Description:
         """
         bare = ET.Element("robot", name=self.root.get("name", ""))
         for link in self.root.findall("link"):
-            ET.SubElement(bare, "link", name=_name(link))
+            ET.SubElement(bare, "link", name=_name_of(link))
         for joint in self.root.findall("joint"):
             # what urdfdom would refuse a joint for that has been read here is left out
-            copy = ET.SubElement(bare, "joint", joint.attrib)
-            copy.extend(part for part in joint if part.tag in _KINEMATIC)
+            copy = ET.SubElement(bare, "joint", name=_name_of(joint), type=joint.get("type", ""))
+            for part in joint:
+                if part.tag in _KINEMATIC:
+                    known = {a: v for a, v in part.attrib.items() if a in _KINEMATIC[part.tag]}
+                    ET.SubElement(copy, part.tag, known)
         try:
             return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
         except Exception as error:  # whatever pinocchio raises at what it is given
@@ -122,44 +116,21 @@ class Description:
             ) from error
 
 
-_KINEMATIC = ("parent", "child", "origin", "axis", "limit")
-"""Parts of a joint that say where it is and how it moves."""
-
-
-class _Bounded(ET.TreeBuilder):
-    """Builds a tree that is neither deep nor has elements with very many attributes."""
-
-    def __init__(self, field: str) -> None:
-        super().__init__()
-        self._field = field
-        self._depth = 0
-
-    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        """An element begins."""
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise RobotError(
-                self._field, f"<{tag}>", f"lies within more than {MAX_DEPTH} other elements"
-            )
-        if len(attrs) > MAX_ATTRIBUTES:
-            raise RobotError(
-                self._field,
-                f"<{tag}> with {len(attrs)} attributes",
-                f"an element may have {MAX_ATTRIBUTES}",
-            )
-        return super().start(tag, attrs)
-
-    def end(self, tag: str, /) -> ET.Element:
-        """An element ends."""
-        self._depth -= 1
-        return super().end(tag)
+_KINEMATIC = {
+    "parent": ("link",),
+    "child": ("link",),
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "velocity", "effort"),
+}
+"""Parts of a joint that say where it is and how it moves, and their attributes."""
 
 
 def read_xml(text: str, field: str) -> ET.Element:
     """The root of URDF or SRDF text, names as they are written: a prefix need not be bound.
 
     Raises:
-        RobotError: not XML, or beyond `MAX_TEXT`, `MAX_DEPTH` or `MAX_ATTRIBUTES`.
+        RobotError: not XML, or longer than `MAX_TEXT`.
     """
     if not isinstance(text, str):
         raise RobotError(field, text, "give the text of the file, not its path")
@@ -167,7 +138,7 @@ def read_xml(text: str, field: str) -> ET.Element:
         raise RobotError(
             field, f"{len(text)} characters", f"is longer than {MAX_TEXT}; simplify it"
         )
-    builder, parser = _Bounded(field), expat.ParserCreate()
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(text, True)
@@ -176,10 +147,10 @@ def read_xml(text: str, field: str) -> ET.Element:
         lines = text.splitlines()
         line = lines[min(error.lineno, len(lines)) - 1].strip() if lines else ""
         remedy = f"is not XML ({error}); give the text of the file"
-        raise RobotError(f"{field}, line {error.lineno}", line[:_SHOWN], remedy) from error
+        raise RobotError(f"{field}, line {error.lineno}", line[:60], remedy) from error
     except ValueError as error:  # characters that no XML has
         remedy = f"is not XML ({error}); give the text of the file"
-        raise RobotError(field, text[:_SHOWN], remedy) from error
+        raise RobotError(field, text[:60], remedy) from error
 
 
 def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Description:
@@ -198,8 +169,8 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
             "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
         )
     _check_tree(root)
-    warnings = [*_unexpanded(root), *_rotations_as_rpy(root)]
-    elements = {_name(e): e for e in root.findall("joint")}
+    warnings = [*_unexpanded_xacro(root), *_rotations_as_rpy(root)]
+    elements = {_name_of(e): e for e in root.findall("joint")}
     joints = {}
     for name, element in elements.items():
         read_origin(element, f"joint {name}")
@@ -215,9 +186,8 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
                 " fix this joint or replace it by a chain of those",
             )
     if strangers := sorted(set(limits) - set(joints)):
-        warnings.append(
-            f"{FIELD} has limits of {listed(strangers, most=_NAMED)}, no movable joints of the URDF"
-        )
+        names = listed(strangers, most=MAX_NAMED)
+        warnings.append(f"{FIELD} has limits of {names}, no movable joints of the URDF")
     if len(joints) > MAX_JOINTS:
         raise RobotError(
             "robot_description",
@@ -228,10 +198,10 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
     return Description(root, joints, tuple(warnings))
 
 
-def _unexpanded(root: ET.Element) -> list[str]:
+def _unexpanded_xacro(root: ET.Element) -> list[str]:
     """A sentence on xacro that nobody has expanded, if any: like urdfdom, nobody here reads it."""
     found = sorted({each.tag for each in root.iter() if each.tag.startswith("xacro:")})
-    names = listed([f"<{tag}>" for tag in found], most=_NAMED)
+    names = listed([f"<{tag}>" for tag in found], most=MAX_NAMED)
     return [f"{names}: ignored; expand the file by xacro where it matters"] if found else []
 
 
@@ -263,12 +233,12 @@ def _rotations_as_rpy(root: ET.Element) -> list[str]:
 def _only_drawn(root: ET.Element) -> list[str]:
     """A sentence on links that are to be seen but nothing to collision checks, if any."""
     drawn = [
-        _name(link)
+        _name_of(link)
         for link in root.findall("link")
         if link.find("visual") is not None and link.find("collision") is None
     ]
     what = "links with <visual> but no <collision>, which nothing is kept away from"
-    names = listed(drawn, most=_NAMED)
+    names = listed(drawn, most=MAX_NAMED)
     return [f"{names}: {what}; give them one where they are solid"] if drawn else []
 
 
@@ -301,7 +271,7 @@ def read_origin(element: ET.Element, field: str) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
-def _name(element: ET.Element) -> str:
+def _name_of(element: ET.Element) -> str:
     name = element.get("name")
     if not name:
         raise RobotError("robot_description", f"<{element.tag}>", "give the element a name")
@@ -309,7 +279,7 @@ def _name(element: ET.Element) -> str:
 
 
 def _check_tree(root: ET.Element) -> None:
-    links = [_name(e) for e in root.findall("link")]
+    links = [_name_of(e) for e in root.findall("link")]
     if not links:
         raise RobotError("robot_description", root.get("name"), "has no links")
     if len(links) > MAX_LINKS:
@@ -319,7 +289,7 @@ def _check_tree(root: ET.Element) -> None:
             f"a robot may have {MAX_LINKS}",
         )
     parents: dict[str, str] = {}
-    for names in (links, [_name(e) for e in root.findall("joint")]):
+    for names in (links, [_name_of(e) for e in root.findall("joint")]):
         for name in names:
             if names.count(name) > 1:
                 raise RobotError("robot_description", name, "occurs twice; names are unique")
@@ -330,12 +300,12 @@ def _check_tree(root: ET.Element) -> None:
             link = element.get("link") if element is not None else None
             if link not in links:
                 raise RobotError(
-                    f"joint {_name(joint)}: {end}", link, "name a link of this description"
+                    f"joint {_name_of(joint)}: {end}", link, "name a link of this description"
                 )
             ends[end] = str(link)
         if ends["child"] in parents:
             raise RobotError(
-                f"link {ends['child']}", _name(joint), "a link is the child of one joint only"
+                f"link {ends['child']}", _name_of(joint), "a link is the child of one joint only"
             )
         parents[ends["child"]] = ends["parent"]
     roots = [link for link in links if link not in parents]
@@ -355,7 +325,7 @@ def _check_tree(root: ET.Element) -> None:
             raise RobotError(f"link {link}", above, "the joints above it form a loop")
 
 
-def _number(element: ET.Element | None, attribute: str, default: float, field: str) -> float:
+def _number_in(element: ET.Element | None, attribute: str, default: float, field: str) -> float:
     text = element.get(attribute) if element is not None else None
     if text is None:
         return default
@@ -380,14 +350,14 @@ def _read_joint(
         raise RobotError(field, kind, "give it a <limit> with lower and upper")
     lower, upper, endless = _read_range(element, field, stated, warnings)
     prismatic, assumed = kind == "prismatic", []
-    velocity = _lowest(limit, ("velocity",), stated.velocity, MAX_VELOCITY, field)
+    velocity = _lowest_rate(limit, ("velocity",), stated.velocity, MAX_VELOCITY, field)
     if velocity is None:
         assumed.append(rate := assumed_rate(name, "velocity", prismatic=prismatic))
         words = f"planned with {rate.value:g} {rate.unit}"
         warnings.append(f"{field} has no usable velocity limit: {words}")
         velocity = rate.value
     both = ("acceleration", "deceleration")
-    acceleration = _lowest(limit, both, stated.acceleration, sys.float_info.max, field)
+    acceleration = _lowest_rate(limit, both, stated.acceleration, sys.float_info.max, field)
     if acceleration is None:
         assumed.append(rate := assumed_rate(name, "acceleration", prismatic=prismatic))
         acceleration = rate.value
@@ -423,7 +393,7 @@ def _read_range(
     MoveIt keeps to.
     """
     kind, limit = element.get("type"), element.find("limit")
-    lower, upper = (_number(limit, end, 0.0, field) for end in ("lower", "upper"))
+    lower, upper = (_number_in(limit, end, 0.0, field) for end in ("lower", "upper"))
     if math.isnan(lower) or math.isnan(upper) or lower > upper:
         raise RobotError(field, (lower, upper), "give lower <= upper")
     if kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower)):
@@ -469,7 +439,7 @@ def _within_soft_limits(
     return inside
 
 
-def _lowest(
+def _lowest_rate(
     limit: ET.Element | None,
     attributes: Collection[str],
     stated: float | None,
@@ -477,7 +447,7 @@ def _lowest(
     field: str,
 ) -> float | None:
     """The lowest of the rates in a <limit> and the one stated elsewhere, up to `most`; or None."""
-    rates = [_number(limit, attribute, math.nan, field) for attribute in attributes]
+    rates = [_number_in(limit, attribute, math.nan, field) for attribute in attributes]
     rates += [math.nan if stated is None else stated]
     return min((rate for rate in rates if 0.0 < rate <= most), default=None)
 
@@ -488,8 +458,8 @@ def _read_mimic(name: str, elements: dict[str, ET.Element], warnings: list[str])
     seen = [name]
     while (mimic := elements[current].find("mimic")) is not None:
         field = f"joint {current}: mimic"
-        offset += multiplier * _number(mimic, "offset", 0.0, field)
-        multiplier *= _number(mimic, "multiplier", 1.0, field)
+        offset += multiplier * _number_in(mimic, "offset", 0.0, field)
+        multiplier *= _number_in(mimic, "multiplier", 1.0, field)
         current = mimic.get("joint", "")
         if current not in elements or elements[current].get("type") not in MOVABLE:
             words = f"{current!r} is no movable joint of this description"

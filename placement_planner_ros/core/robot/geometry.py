@@ -15,16 +15,17 @@ import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, cover_tolerance
-from placement_planner_ros.core.body.convex_part import (
-    CONVEX_SHARE,
-    CONVEX_TOLERANCE,
-    MOST_AROUND,
+from placement_planner_ros.core.body.convex_cover import (
+    Cover,
+    coarse_cover_in_words,
+    convex_cover,
+    cover_tolerance,
 )
+from placement_planner_ros.core.body.convex_part import hull_if_convex, polytope_of
 from placement_planner_ros.core.body.covered_mesh import kept_cover
-from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
+from placement_planner_ros.core.errors import RobotError, listed
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.description import read_floats, read_origin
 from placement_planner_ros.core.types import Array
@@ -41,20 +42,11 @@ PRIMITIVES = {
 }
 """URDF shape -> coal shape, and its attributes with how many numbers each holds."""
 
-MAX_TRIANGLES = 300_000
-"""Triangles that a collision mesh may have."""
-
 MAX_ALL_TRIANGLES = 1_000_000
-"""... and that all meshes of a robot may have together, each file counted once."""
+"""Triangles that all meshes of a robot may have together, each file counted once."""
 
 MAX_SHAPES = 1000
 """Collision shapes that a robot may have."""
-
-_TOLD = 20
-"""Unusable shapes that are told of one by one."""
-
-_MOST_COMPARED = 100_000_000
-"""Facets of a hull times triangles of its mesh; with more, the mesh is taken as it is."""
 
 PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
 """Package name -> its share folder, or folders that hold packages or relative mesh paths."""
@@ -89,9 +81,6 @@ class LinkCover(Cover):
     mesh: LinkMesh
 
 
-_COARSE = 2.0
-"""Times the tolerance beyond which a cover is told."""
-
 CoverMaker = Callable[[Sequence[LinkMesh]], Sequence[Cover]]
 """Makes the covers of all meshes of a robot."""
 
@@ -102,7 +91,7 @@ def make_covers(meshes: Sequence[LinkMesh]) -> list[Cover]:
     return [kept_cover(*each, functools.partial(convex_cover, *each)) for each in arguments]
 
 
-def _notes(meshes: Sequence[LinkMesh], covers: Sequence[Cover]) -> list[str]:
+def _notes_on(meshes: Sequence[LinkMesh], covers: Sequence[Cover]) -> list[str]:
     """What users should know of the meshes."""
     notes = []
     for mesh, cover in zip(meshes, covers, strict=True):
@@ -110,12 +99,8 @@ def _notes(meshes: Sequence[LinkMesh], covers: Sequence[Cover]) -> list[str]:
             notes.append(
                 f"link {mesh.link}: its mesh is not closed and counts as a sheet without an inside"
             )
-        if cover.excess > _COARSE * mesh.tolerance:
-            notes.append(
-                f"link {mesh.link}: its convex cover reaches {cover.excess:.3f} m beyond its mesh "
-                f"instead of {mesh.tolerance:g}, which slows down checks beside it; a simpler mesh "
-                "has a closer one"
-            )
+        if words := coarse_cover_in_words(cover, mesh.tolerance):
+            notes.append(f"link {mesh.link}: {words}")
     return notes
 
 
@@ -144,19 +129,10 @@ class ShapesError(RobotError):
         alike: dict[str, list[str]] = {}
         for fault in faults:
             alike.setdefault(fault.remedy, []).append(f"{fault.field} {fault.value!s:.200}")
-        lines = [
-            f"{_listed(which, '; ')}: {remedy}" for remedy, which in list(alike.items())[:_TOLD]
-        ]
-        if len(alike) > _TOLD:
-            lines.append(f"and {len(alike) - _TOLD} more")
+        lines = [f"{listed(which, '; ', most=20)}: {remedy}" for remedy, which in alike.items()]
         self.grouped = "\n".join(lines)
         number = f"{len(faults)} collision shapes"
         super().__init__("robot_description", number, "cannot be used. " + ". ".join(lines))
-
-
-def _listed(words: Sequence[str], separator: str) -> str:
-    more = [f"and {len(words) - _TOLD} more"] if len(words) > _TOLD else []
-    return separator.join([*words[:_TOLD], *more])
 
 
 def build_geometry(
@@ -221,7 +197,7 @@ def build_geometry(
     ]
     by_key = dict(zip(meshes.soups, made, strict=True))
     covers = tuple(None if key is None else by_key.get(key) for key in keys)
-    return geometry, tuple(links), covers, points + _notes(soups, made)
+    return geometry, tuple(links), covers, points + _notes_on(soups, made)
 
 
 _Key = tuple[Path, tuple[float, ...]]
@@ -380,49 +356,24 @@ def mesh_shape(
             f"is {extent:.0f} m long; if it is in millimetres, give scale 0.001 0.001 0.001",
         )
     corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
-    if not area > 0.0:
+    if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise RobotError(field, name, "has no surface; check its scale")
-    hull = _hull_if_convex(corners, area, extent)
-    if hull is None or np.bincount(hull.simplices.ravel()).max() > MOST_AROUND:
+    if hull_if_convex(corners) is None:
         return triangle_geometry(vertices, triangles)
-    return convex(hull)
+    return convex_shape(vertices)
 
 
-def _hull_if_convex(corners: Array, area: float, extent: float) -> ConvexHull | None:
-    """The hull, where every triangle lies on one of its planes and together they cover it."""
-    try:
-        hull = ConvexHull(corners.reshape(-1, 3))
-    except QhullError:  # flat
-        return None
-    if abs(area - hull.area) > 1e-3 * hull.area:
-        return None
-    planes = np.unique(hull.equations.round(9), axis=0)
-    if len(planes) * len(corners) > _MOST_COMPARED:
-        return None
-    tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * extent)
-    chunk = max(1, 1_000_000 // (3 * len(planes)))
-    for start in range(0, len(corners), chunk):
-        part = corners[start : start + chunk]
-        depth = -(part @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)
-        if depth.max(axis=1).min(axis=1).max() > tolerance:
-            return None
-    return hull
+def convex_shape(points: Array) -> coal.Convex:
+    """The hull of points (n, 3) as a coal shape.
 
-
-def convex(hull: ConvexHull) -> coal.Convex:
-    """A scipy hull as a coal shape, triangles turned outward."""
-    row = np.full(len(hull.points), -1)
-    row[hull.vertices] = np.arange(len(hull.vertices))
-    corners = hull.points[hull.simplices]
-    turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = (turned * hull.equations[:, :3]).sum(axis=1) < 0.0
-    simplices = np.where(inward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
-    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(hull.points[hull.vertices]))
-    triangles.extend([coal.Triangle(*each) for each in row[simplices].tolist()])
-    shape = coal.Convex(points, triangles)
+    Raises:
+        QhullError: they have no volume.
+    """
+    part = polytope_of(points)
+    vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    vertices.extend(list(part.vertices))
+    triangles.extend([coal.Triangle(*each) for each in part.triangles.tolist()])
+    shape = coal.Convex(vertices, triangles)
     shape.computeLocalAABB()
     return shape
 

@@ -93,20 +93,20 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
     if not isinstance(given, Mapping):
         raise RobotError(FIELD, str(given)[:60], remedy)
     return {
-        str(joint): _read(str(joint), values)
+        str(joint): _read_limits(str(joint), values)
         for joint, values in given.items()
-        if isinstance(values, Mapping) or _refuse(str(joint), values, remedy)
+        if isinstance(values, Mapping) or _refuse_joint(str(joint), values, remedy)
     }
 
 
-def _refuse(joint: str, values: object, remedy: str) -> bool:
+def _refuse_joint(joint: str, values: object, remedy: str) -> bool:
     # default_velocity_scaling_factor and the like stand beside joint_limits
     if isinstance(values, (bool, int, float)):
         return False
     raise RobotError(f"{FIELD}: {joint}", str(values)[:60], remedy)
 
 
-def _read(joint: str, values: Mapping[object, object]) -> JointLimit:
+def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
     off = {kind for kind in _KINDS if values.get(f"has_{kind}_limits") is False}
     numbers: dict[str, float | None] = {}
     for name in _NUMBERS:

@@ -114,7 +114,7 @@ class Robot:
                 that hold packages (or that mesh paths are relative to), or what finds and reads
                 mesh files.
             srdf: text that lists disabled collisions; without it they are derived
-                (`allowed_pairs.derive`).
+                (`derive_allowed_pairs`).
             joint_limits: what else is stated of joints (`read_joint_limits`).
             cover: makes the covers of its meshes.
 
@@ -132,7 +132,9 @@ class Robot:
         left_out: tuple[pairs.LeftOut, ...] | None = None
         passive: frozenset[str] = frozenset()
         if srdf is None:
-            left_out = pairs.derive(description, model, geometry, geometry_links, covers)
+            left_out = pairs.derive_allowed_pairs(
+                description, model, geometry, geometry_links, covers
+            )
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))
         else:
@@ -170,10 +172,10 @@ class Robot:
         """
         if self.left_out is None:
             return self
-        found = _near_pairs(self).overlapping_at(q)
+        found = _near_pairs(self).left_out_at(q)
         if not found:
             return self
-        return _without(self, found)
+        return _without_pairs(self, found)
 
     @property
     def turnable(self) -> frozenset[str]:
@@ -347,7 +349,7 @@ class Robot:
         """
         data = self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        return [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in _shapes(self)]
+        return [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in _shapes_of(self)]
 
     def joints_to(self, link: str) -> tuple[str, ...]:
         """Joints whose values the pose of a link depends on; none of them mimics another.
@@ -566,18 +568,19 @@ class Robot:
 
 
 @weak_lru_cache("robot", maxsize=1)
-def _shapes(robot: Robot) -> list[tuple[int, pin.SE3]]:
+def _shapes_of(robot: Robot) -> list[tuple[int, pin.SE3]]:
     """Of each of geometry.geometryObjects the joint that carries it, and T_joint_geometry."""
     return [(g.parentJoint, pin.SE3(g.placement)) for g in robot.geometry.geometryObjects]
 
 
 @lru_cache(maxsize=4)
-def _near_pairs(robot: Robot) -> pairs.NearPairs:
-    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links, robot.covers)
+def _near_pairs(robot: Robot) -> pairs.LinkPairs:
+    given = robot.model, robot.geometry, robot.geometry_links, robot.covers
+    return pairs.LinkPairs.that_are_checked(*given)
 
 
 @lru_cache(maxsize=16)
-def _without(robot: Robot, found: tuple[pairs.LeftOut, ...]) -> Robot:
+def _without_pairs(robot: Robot, found: tuple[pairs.LeftOut, ...]) -> Robot:
     """The robot with these pairs left out too; the same one for the same pairs."""
     allowed = robot.allowed_pairs | {each.links for each in found}
     geometry = robot.geometry.copy()
@@ -608,7 +611,7 @@ def _add_collision_pairs(
     for i, j in itertools.combinations(range(len(joints)), 2):
         meet[i, j] = (
             joints[i] != joints[j]
-            and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
+            and pairs.sorted_pair(geometry_links[i], geometry_links[j]) not in allowed
         )
     # All at once: added one by one, each is compared with all before it.
     geometry.setCollisionPairs(meet)

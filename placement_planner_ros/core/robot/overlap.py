@@ -3,51 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from placement_planner_ros.core.body.mesh_components import alike
+from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.surface import Solid, Surface, contact, meet, nearest
 from placement_planner_ros.core.types import Array, frozen_array
 
-_MOST_PIECES = 32
+MAX_PIECES = 32
 """Pieces of a mesh that are looked for inside another one, the largest of them."""
 
-_FIRST_STEP = 1e-3
+FIRST_STEP_M = 1e-3
 """Metres that two shapes are drawn apart by at first, to find how deep they overlap."""
 
-_RESOLUTION = 5e-4
+DEPTH_RESOLUTION_M = 5e-4
 """Metres that a depth is found to."""
 
-_SHARE = 0.25
+ROUGH_SHARE = 0.25
 """By which share a depth that is told of rough shapes may be more than it is."""
 
-_ROUNDING = 1e-9
+ROUNDING_M = 1e-9
 """Metres."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OverlapPiece:
-    """A connected piece of a mesh, or a whole solid.
-
-    Attributes:
-        corners: (n, 3) metres; points of it that are outermost in some direction.
-    """
-
-    corners: Array
-
-
 class MeshSurface:
-    """The triangles (t, 3, 3) of a mesh, metres, and its connected pieces once they are asked for.
+    """The triangles (t, 3, 3) of a mesh, metres.
 
     Made once for all that ask about the same mesh: of 100,000 triangles pieces take 0.1 s, and to
     get triangles back from coal one by one 0.4 s.
@@ -55,14 +41,16 @@ class MeshSurface:
 
     def __init__(self, triangles: Array) -> None:
         self.triangles = triangles
-        self._pieces: tuple[OverlapPiece, ...] | None = None
 
-    @property
-    def pieces(self) -> tuple[OverlapPiece, ...]:
-        """The largest first."""
-        if self._pieces is None:
-            self._pieces = _pieces(self.triangles)
-        return self._pieces
+    @cached_property
+    def pieces(self) -> tuple[Array, ...]:
+        """(n, 3) of each connected piece, points that are outermost in some direction; the largest
+        first."""
+        rows = np.arange(self.triangles.size // 3).reshape(-1, 3)
+        made = Components.of(self.triangles.reshape(-1, 3), rows)
+        largest = np.argsort(-np.bincount(made.label), kind="stable")[:MAX_PIECES]
+        pieces = (made.corners[made.label == k].reshape(-1, 3) for k in largest)
+        return tuple(map(outermost, pieces))
 
 
 class Overlaps:
@@ -93,7 +81,7 @@ class Overlaps:
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
         self._surfaces = dict(enumerate(surfaces))
-        self._pieces: dict[int, tuple[OverlapPiece, ...]] = {}
+        self._pieces: dict[int, tuple[Array, ...]] = {}
         self._corners: dict[int, Array] = {}
         self._rough: Overlaps | None = None
 
@@ -114,7 +102,7 @@ class Overlaps:
 
     def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, margin: float = 0.0) -> bool:
         """Whether shapes i and j overlap where they are placed, or are nearer than `margin`, m."""
-        touch = meet(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j), margin)
+        touch = meet(self.shapes[i], _for_coal(T_i), self.shapes[j], _for_coal(T_j), margin)
         return touch or self.nested(i, j, T_i, T_j)
 
     def solids_apart(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
@@ -123,7 +111,7 @@ class Overlaps:
         a, b = self.shapes[i], self.shapes[j]
         if is_mesh(a) or is_mesh(b):
             return 0.0
-        return float(nearest(a, _at(T_i), b, _at(T_j)).min_distance)
+        return float(nearest(a, _for_coal(T_i), b, _for_coal(T_j)).min_distance)
 
     def depth(
         self,
@@ -131,7 +119,7 @@ class Overlaps:
         j: int,
         T_i: pin.SE3,
         T_j: pin.SE3,
-        resolution: float = _RESOLUTION,
+        resolution: float = DEPTH_RESOLUTION_M,
         beyond: float = 0.0,
     ) -> float:
         """Metres by which one must be moved that they do not overlap any more.
@@ -161,11 +149,11 @@ class Overlaps:
         if self._rough is None:
             self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
         rough = self._rough
-        share = 0.0 if all(rough.shapes[k] is self.shapes[k] for k in (i, j)) else _SHARE
-        near, far = rough._freed(i, j, T_i, T_j, _RESOLUTION, share, beyond)
+        share = 0.0 if all(rough.shapes[k] is self.shapes[k] for k in (i, j)) else ROUGH_SHARE
+        near, far = rough._freed(i, j, T_i, T_j, DEPTH_RESOLUTION_M, share, beyond)
         if beyond > 0.0 and (near < beyond or not self.meet(i, j, T_i, T_j)):
             return 0.0
-        return max(far, _RESOLUTION)
+        return max(far, DEPTH_RESOLUTION_M)
 
     def _freed(
         self,
@@ -192,15 +180,15 @@ class Overlaps:
         ways, bounds = self._ways_apart(i, j, T_i, T_j)
 
         def free(by: float) -> bool:
-            moved = _moved(T_j, by * ways)
+            moved = _moved_along(T_j, by * ways)
             return bounds[0] <= by or any(not self.meet(i, j, T_i, at) for at in moved)
 
-        near, far = 0.0, beyond or _FIRST_STEP
+        near, far = 0.0, beyond or FIRST_STEP_M
         while not free(far):
             near, far = far, 1.5 * far
         if near == 0.0 and beyond > 0.0:
             return near, far
-        far = max(min(far, float(bounds[0])), _ROUNDING)
+        far = max(min(far, float(bounds[0])), ROUNDING_M)
         while far - near > max(resolution, share * near):
             middle = 0.5 * (near + far)
             near, far = (near, middle) if free(middle) else (middle, far)
@@ -209,12 +197,12 @@ class Overlaps:
     def _ways_apart(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> tuple[Array, Array]:
         """The directions (26, 3) and how far j must be moved in each for their hulls to be apart,
         metres, which is no less than how far the shapes must; the shortest way first."""
-        ways = _directions()
+        ways = _cube_directions()
         reach_i = (self._outermost(i) @ (ways @ T_i.rotation).T).max(axis=0)
         reach_j = (self._outermost(j) @ (ways @ T_j.rotation).T).min(axis=0)
         bounds = reach_i - reach_j + ways @ (T_i.translation - T_j.translation)
         order = np.argsort(bounds, kind="stable")
-        return ways[order], bounds[order] + _ROUNDING
+        return ways[order], bounds[order] + ROUNDING_M
 
     def _outermost(self, i: int) -> Array:
         """(n, 3) points whose hull holds a shape."""
@@ -224,7 +212,7 @@ class Overlaps:
 
     def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
         """(3,) a point at which two shapes that overlap do so."""
-        found = contact(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j))
+        found = contact(self.shapes[i], _for_coal(T_i), self.shapes[j], _for_coal(T_j))
         if found is not None:
             return found
         smaller, T = (i, T_i) if self.radii[i] < self.radii[j] else (j, T_j)
@@ -244,7 +232,7 @@ class Overlaps:
         if (middle + reach < lower).any() or (middle - reach > upper).any():
             return False
         for piece in self._pieces_of(inner):
-            points = piece.corners @ T_outer_inner.rotation.T + T_outer_inner.translation
+            points = piece @ T_outer_inner.rotation.T + T_outer_inner.translation
             inside = bool(((points >= lower) & (points <= upper)).all())
             if inside and winding_number(points[0], self._surface_of(outer).triangles) > 0.5:
                 return True
@@ -256,15 +244,15 @@ class Overlaps:
             surface = self._surfaces[i] = MeshSurface(triangles_of(self.shapes[i]))
         return surface
 
-    def _pieces_of(self, i: int) -> tuple[OverlapPiece, ...]:
+    def _pieces_of(self, i: int) -> tuple[Array, ...]:
         if i not in self._pieces:
             shape = self.shapes[i]
             if isinstance(shape, Surface):
-                self._pieces[i] = tuple(map(OverlapPiece, shape.connected))
+                self._pieces[i] = shape.connected
             elif is_mesh(shape):
                 self._pieces[i] = self._surface_of(i).pieces
             else:
-                self._pieces[i] = (OverlapPiece(self.centers[i : i + 1]),)
+                self._pieces[i] = (self.centers[i : i + 1],)
         return self._pieces[i]
 
 
@@ -306,7 +294,7 @@ def triangles_of(mesh: coal.BVHModelBase | Surface) -> Array:
     return np.asarray(vertices[indices])
 
 
-def _at(T: pin.SE3) -> coal.Transform3s:
+def _for_coal(T: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(T.rotation, T.translation)
 
 
@@ -314,43 +302,34 @@ def winding_number(point: Array, triangles: Array) -> float:
     """How often a surface (t, 3, 3) goes around a point (3,): 0 outside, 1 inside of a closed one,
     of an open one the share of the view that it covers; without its sign."""
     a, b, c = (triangles[:, k].T - point[:, None] for k in range(3))
-    la, lb, lc = (np.sqrt(_dot(v, v)) for v in (a, b, c))
+    la, lb, lc = (np.sqrt(_dot_products(v, v)) for v in (a, b, c))
     triple = a[0] * (b[1] * c[2] - b[2] * c[1])
     triple += a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-    dots = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
+    dots = (
+        la * lb * lc
+        + _dot_products(a, b) * lc
+        + _dot_products(b, c) * la
+        + _dot_products(c, a) * lb
+    )
     return abs(float(np.arctan2(triple, dots).sum())) / (2.0 * np.pi)
 
 
-def _dot(u: Array, v: Array) -> Array:
+def _dot_products(u: Array, v: Array) -> Array:
     """(n,) products of vectors (3, n)."""
     return np.asarray(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
 
 
-def _pieces(triangles: Array) -> tuple[OverlapPiece, ...]:
-    """The connected pieces of a surface (t, 3, 3), the largest first."""
-    corners = triangles.reshape(-1, 3)
-    first, index = alike(corners)
-    points, index = corners[first], index.reshape(-1, 3)
-    pairs = np.concatenate([index[:, [0, 1]], index[:, [1, 2]]])
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(points),) * 2)
-    number, label = connected_components(links, directed=False)
-    order = np.argsort(label, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(label, minlength=number))[:-1])
-    parts.sort(key=lambda rows: -len(rows))
-    return tuple(OverlapPiece(outermost(points[rows])) for rows in parts[:_MOST_PIECES])
-
-
 def outermost(points: Array) -> Array:
     """Those (k, 3) of points (n, 3) that are outermost in some direction."""
-    return np.asarray(points[np.unique((points @ _directions().T).argmax(axis=0))])
+    return np.asarray(points[np.unique((points @ _cube_directions().T).argmax(axis=0))])
 
 
-def _moved(T: pin.SE3, ways: Array) -> Iterator[pin.SE3]:
+def _moved_along(T: pin.SE3, ways: Array) -> Iterator[pin.SE3]:
     """A pose moved along each of some ways (n, 3), metres."""
     return (pin.SE3(T.rotation, T.translation + way) for way in ways)
 
 
-def _directions() -> Array:
+def _cube_directions() -> Array:
     """(26, 3) unit vectors to the faces, edges and corners of a cube."""
     grid = np.array(np.meshgrid(*([-1.0, 0.0, 1.0],) * 3)).reshape(3, -1).T
     grid = grid[np.abs(grid).sum(axis=1) > 0.0]

@@ -17,7 +17,7 @@ PIECE = 1024
 """Triangles in a piece, at most: coal's tree over so many takes some 7 ms, in which no other
 thread of Python runs, and 0.5 MB."""
 
-_ROUNDING = 1e-9
+ROUNDING_M = 1e-9
 """Metres."""
 
 
@@ -103,7 +103,7 @@ def meet(
     request.security_margin = margin
     return any(
         coal.collide(x, T_world_a, y, T_world_b, request, coal.CollisionResult())
-        for x, y in _near(a, T_world_a, b, T_world_b, margin)
+        for x, y in _pairs_near(a, T_world_a, b, T_world_b, margin)
     )
 
 
@@ -113,7 +113,7 @@ def contact(
     """(3,) a point at which the surfaces of two shapes meet; None where they do not."""
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     request.enable_contact = True
-    for x, y in _near(a, T_world_a, b, T_world_b, 0.0):
+    for x, y in _pairs_near(a, T_world_a, b, T_world_b, 0.0):
         coal.collide(x, T_world_a, y, T_world_b, request, result)
         if result.numContacts():
             return np.array(result.getContact(0).pos)
@@ -134,7 +134,7 @@ def nearest(
         coal.distance(a, T_world_a, b, T_world_b, coal.DistanceRequest(), result)
         return result
     best: coal.DistanceResult | None = None
-    for bound, number in other.by_distance(*_box(to, at.inverseTimes(T_to))):
+    for bound, number in other.by_distance(*_box_around(to, at.inverseTimes(T_to))):
         if best is not None and bound > max(best.min_distance, 0.0):
             break
         piece = other.piece(number)
@@ -147,24 +147,24 @@ def nearest(
     return best
 
 
-def _near(
+def _pairs_near(
     a: Solid, T_world_a: coal.Transform3s, b: Solid, T_world_b: coal.Transform3s, margin: float
 ) -> Iterator[tuple[coal.CollisionGeometry, coal.CollisionGeometry]]:
     """Pairs of what coal knows, of which some are closer than `margin` if a and b are."""
     if isinstance(b, Surface):
-        lower, upper = _box(a, T_world_b.inverseTimes(T_world_a))
+        lower, upper = _box_around(a, T_world_b.inverseTimes(T_world_a))
         yield from ((a, piece) for piece in b.near(lower - margin, upper + margin))
     elif isinstance(a, Surface):
-        lower, upper = _box(b, T_world_a.inverseTimes(T_world_b))
+        lower, upper = _box_around(b, T_world_a.inverseTimes(T_world_b))
         yield from ((piece, b) for piece in a.near(lower - margin, upper + margin))
     else:
         yield a, b
 
 
-def _box(shape: coal.CollisionGeometry, T: coal.Transform3s) -> tuple[Array, Array]:
+def _box_around(shape: coal.CollisionGeometry, T: coal.Transform3s) -> tuple[Array, Array]:
     """Corners (3,) of a box around a shape at T."""
     shape.computeLocalAABB()
     box, R = shape.aabb_local, T.getRotation()
     middle = T.transform((box.min_ + box.max_) / 2)
-    half = np.abs(R) @ ((box.max_ - box.min_) / 2) + _ROUNDING
+    half = np.abs(R) @ ((box.max_ - box.min_) / 2) + ROUNDING_M
     return middle - half, middle + half

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.body.contact_points import touching
+from placement_planner_ros.core.body.contact_points import touching_points
 from placement_planner_ros.core.body.stable_poses import GRAVITY, TIPPING_ENERGY
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
@@ -37,7 +37,7 @@ class VertexSupport:
         self._rises = Protrusions(
             problem.environment,
             faces,
-            lambda face: touching(body, faces[face]),
+            lambda face: touching_points(body, faces[face]),
             footing.contact_tolerance,
         )
 

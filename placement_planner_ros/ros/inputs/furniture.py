@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
+from placement_planner_ros.core.body.convex_part import hull_triangles
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh, triangles_of
 from placement_planner_ros.core.types import Array

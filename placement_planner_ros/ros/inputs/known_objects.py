@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
-from placement_planner_ros.core.meshes.headers import check_header
+from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess

@@ -22,10 +22,7 @@ from typing import Any
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.disk_cache import find_result, keep_result
-from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.digest import content_digest
-from placement_planner_ros.core.meshes.headers import check_header
-from placement_planner_ros.core.meshes.read import mesh_of
+from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.patience import LOOK_S
 
@@ -203,9 +200,11 @@ def _made(what: str, *given: Any) -> object:
     if what == "cover":
         return convex_cover(*given)
     (path,) = given
-    check_header(path)
-    suffix, data = path.suffix.lower(), path.read_bytes()
-    return *mesh_of(suffix, data), content_digest(suffix, data)
+    suffix, before = path.suffix.lower(), path.read_bytes()
+    made = read_mesh(path)
+    if path.read_bytes() != before:
+        raise ValueError("it changed while it was read")
+    return *made, content_digest(suffix, before)
 
 
 def _answer(what: str, *given: Any) -> object:

@@ -20,8 +20,7 @@ from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, find_result, keep_result
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
-from placement_planner_ros.core.meshes.digest import content_digest
-from placement_planner_ros.core.meshes.headers import check_header
+from placement_planner_ros.core.meshes.read import check_header, content_digest
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,

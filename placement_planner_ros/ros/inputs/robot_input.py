@@ -21,10 +21,8 @@ from placement_planner_ros.core.errors import (
     RobotError,
     listed,
 )
-from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.headers import check_header
-from placement_planner_ros.core.meshes.read import read_mesh
-from placement_planner_ros.core.robot.announcement import Announcement, announce
+from placement_planner_ros.core.meshes.read import Triangles, check_header, read_mesh
+from placement_planner_ros.core.robot.announcement import Announcement, announce_arm
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
@@ -428,7 +426,7 @@ def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
 @weak_lru_cache("robot", maxsize=16)
 def _announced(robot: Robot, arm: Arm, derived: bool) -> Announcement:
     """Kept from start to start."""
-    return announce(robot, arm, derived=derived)
+    return announce_arm(robot, arm, derived=derived)
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:

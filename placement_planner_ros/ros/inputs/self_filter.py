@@ -11,9 +11,9 @@ import pinocchio as pin
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_part import hull_triangles
 from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.overlap import is_mesh, triangles_of

@@ -1,14 +1,24 @@
 """COLLADA files as programs write them: every kind of primitive, transform and reference."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core.meshes.collada import read_collada
+from placement_planner_ros.core.meshes.read import read_mesh
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 PLACED = '<instance_geometry url="#g"/>'
+
+
+def read_collada(data):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.dae"
+        path.write_bytes(data)
+        return read_mesh(path)
 
 
 def words(numbers):
@@ -76,19 +86,6 @@ def test_every_primitive_is_the_same_box(primitives):
     np.testing.assert_allclose(mesh.bounds, BOX.bounds)
 
 
-def test_other_inputs_are_passed_over():
-    normals = np.zeros((len(BOX.faces), 3, 2), int)
-    normals[..., 1] = BOX.faces
-    both = (
-        '<triangles><input semantic="NORMAL" source="#none" offset="0"/>'
-        f'<input semantic="VERTEX" source="#v" offset="1"/><p>{words(normals)}</p></triangles>'
-    )
-    image = (
-        '<library_images><image id="i"><init_from>missing.png</init_from></image></library_images>'
-    )
-    assert solid(collada(both, more=image)).volume == pytest.approx(BOX.volume)
-
-
 def test_a_concave_polygon_is_held_by_its_triangles():
     corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]], float)
     body = "<vcount>5</vcount><p>3 4 0 1 2</p>"
@@ -118,15 +115,12 @@ def test_a_concave_polygon_is_held_by_its_triangles():
         ),
         (f"<node>{PLACED}</node><node><translate>0 0 1</translate>{PLACED}</node>",
          ([-0.05, -0.03, -0.02], [0.05, 0.03, 1.02])),
-        ('<node><instance_controller url="#c"/></node>', BOX.bounds),
     ],
-    ids=["one", "nested", "matrix", "instance of a node", "two", "skin"],
+    ids=["one", "nested", "matrix", "instance of a node", "two"],
 )  # fmt: skip
 def test_nodes_place_what_they_hold(nodes, bounds):
     more = (
         f'<library_nodes><node id="m"><translate>0 0 1</translate>{PLACED}</node></library_nodes>'
-        '<library_controllers><controller id="c"><skin source="#g"/></controller>'
-        "</library_controllers>"
     )
     mesh = solid(collada(nodes=nodes, more=more))
     np.testing.assert_allclose(mesh.bounds, bounds, atol=1e-12)
@@ -147,34 +141,30 @@ def test_the_unit_counts_and_the_up_axis_does_not(axis):
     np.testing.assert_allclose(mesh.center_mass, [0.0254, 0, 0], atol=1e-12)
 
 
-def test_without_a_scene_everything_is_where_it_is():
-    data = collada().replace(b'<instance_visual_scene url="#s"/>', b"")
-    assert solid(data).volume == pytest.approx(BOX.volume)
-    start, end = data.index(b"<library_visual"), data.index(b"<scene>")
-    assert solid(data[:start] + data[end:]).volume == pytest.approx(BOX.volume)
+def test_what_has_no_surface_may_be_wrong():
+    bind = '<bind_material><technique_common><instance_material symbol="m" target="#none"/>'
+    node = '<node><instance_camera url="#gone"/></node><node><instance_geometry url="#g">'
+    node += bind + "</technique_common></bind_material></instance_geometry></node>"
+    more = "<library_materials><material id='m'><instance_effect url='#e'/></material>"
+    assert solid(collada(nodes=node, more=more + "</library_materials>")).volume > 0.0
 
 
 @pytest.mark.parametrize(
-    ("data", "reason"),
+    "data",
     [
-        (b"<COLLADA>", "no XML"),
-        (b"<robot/>", "<robot>"),
-        (collada(asset='<unit meter="0"/>'), "unit"),
-        (collada(asset='<unit meter="a"/>'), "unit"),
-        (collada(nodes='<node><instance_geometry url="#h"/></node>'), "'#h'"),
-        (collada(nodes='<node><instance_geometry url="other.dae#g"/></node>'), "other.dae"),
-        (collada(nodes='<node id="n"><instance_node url="#n"/></node>'), "deep"),
-        (collada(nodes=f"<node><translate>1 0</translate>{PLACED}</node>"), "2 numbers, not 3"),
-        (collada(nodes=f"<node><skew>1 0 0 0 1 0 0</skew>{PLACED}</node>"), "skew"),
-        (collada(triangles([[0, 1, 8]])), "none of 8 points"),
-        (collada(triangles([[0, 1]])), "left over"),
-        (collada(triangles([["a", 1, 2]])), "no number"),
-        (collada(primitive("polylist", "<vcount>4</vcount><p>0 1 2</p>")), "counts 4 corners"),
-        (collada(triangles().replace("VERTEX", "NORMAL")), "no vertices"),
-        (collada().replace(b'count="8"', b'count="9"'), "not 9 points"),
-        (collada().replace(b"mesh>", b"brep>"), "is a brep"),
+        b"<COLLADA>",
+        b"<robot/>",
+        collada(asset='<unit meter="0"/>'),
+        collada(asset='<unit meter="a"/>'),
+        collada(nodes='<node><instance_geometry url="#h"/></node>'),
+        collada(nodes='<node><instance_geometry url="other.dae#g"/></node>'),
+        collada(triangles([[0, 1, 8]])),
+        collada(triangles([["a", 1, 2]])),
+        collada(triangles().replace("VERTEX", "NORMAL")),
+        collada().replace(b"mesh>", b"brep>"),
+        b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + collada()[40:],
     ],
 )  # fmt: skip
-def test_what_cannot_be_understood_is_refused_with_its_reason(data, reason):
-    with pytest.raises(ValueError, match=reason):
+def test_what_cannot_be_understood_is_refused_and_never_left_out(data):
+    with pytest.raises(Exception):  # noqa: B017, PT011 - whatever loaders raise
         read_collada(data)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError, RobotError
-from placement_planner_ros.core.robot.announcement import announce
+from placement_planner_ros.core.robot.announcement import announce_arm
 from placement_planner_ros.core.robot.joint_limits import JointLimit, read_joint_limits
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
@@ -113,7 +113,7 @@ def test_other_files_are_refused_with_the_place(given, message):
 
 def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
     robot = tower()
-    known = announce(robot, robot.arm("arm", "c"), derived=True)
+    known = announce_arm(robot, robot.arm("arm", "c"), derived=True)
     (shared,) = known.shared
     assert (shared.name, shared.lower, shared.upper, shared.unit) == ("lift", 0.0, 0.4, "m")
     assert shared.moves == ("head",)
@@ -132,7 +132,7 @@ def test_of_a_torso_of_two_joints_each_is_told_and_both_are_left_out():
     joints = joint("lift", "foot", "a", "prismatic") + joint("bow", "a", "b")
     joints += joint("swing", "b", "c") + joint("other", "b", "d") + joint("head", "a", "e")
     robot = Robot.from_urdf(f'<robot name="torso">{links}{joints}</robot>')
-    words = announce(robot, robot.arm("arm", "c"), derived=True).torso
+    words = announce_arm(robot, robot.arm("arm", "c"), derived=True).torso
     assert "lift (-2 to 2 m), which moves other, head too" in words
     assert "bow (-2 to 2 rad), which moves other too" in words
     assert "leave them where the robot stands, set arm.joints: [swing]" in words
@@ -141,7 +141,7 @@ def test_of_a_torso_of_two_joints_each_is_told_and_both_are_left_out():
 def test_chosen_joints_and_plain_arms_are_no_news():
     robot = tower({"spin": JointLimit(velocity=1.0)})
     arm = robot.arm("arm", "c", joints=["swing", "spin"])
-    known = announce(robot, arm, derived=False)
+    known = announce_arm(robot, arm, derived=False)
     assert known.shared == ()
     assert known.notes() == []
     assert "as chosen: swing, spin" in known.chain

@@ -14,16 +14,22 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.meshes.headers import check_header
+from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+POINTS = " ".join(map(str, BOX.vertices.ravel()))
 DAE = f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
-version="1.4.1"><library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f">
-{" ".join(map(str, BOX.vertices.ravel()))}</float_array></source><triangles><input offset="0"
-semantic="VERTEX" source="#s"/><p>{" ".join(map(str, BOX.faces.ravel()))}</p></triangles></mesh>
-</geometry></library_geometries></COLLADA>"""
+version="1.4.1"><asset/><library_geometries><geometry id="g"><mesh><source id="s">
+<float_array id="f" count="24">{POINTS}</float_array><technique_common><accessor source="#f"
+count="8" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source><vertices id="v">
+<input semantic="POSITION" source="#s"/></vertices><triangles count="12"><input offset="0"
+semantic="VERTEX" source="#v"/><p>{" ".join(map(str, BOX.faces.ravel()))}</p></triangles></mesh>
+</geometry></library_geometries><library_visual_scenes><visual_scene id="w"><node>
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 
 
 def archive(**members):
@@ -36,13 +42,6 @@ def archive(**members):
 
 def whole():
     """A small file of each format."""
-    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in BOX.vertices)
-    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX.faces)
-    model = (
-        '<model unit="meter"><resources><object id="1"><mesh>'
-        f"<vertices>{vertices}</vertices><triangles>{faces}</triangles></mesh></object></resources>"
-        '<build><item objectid="1"/></build></model>'
-    )
     return {
         "ascii.stl": BOX.export(file_type="stl_ascii").encode(),
         "binary.stl": BOX.export(file_type="stl"),
@@ -52,7 +51,6 @@ def whole():
         "a.off": BOX.export(file_type="off").encode(),
         "a.glb": BOX.export(file_type="glb"),
         "a.dae": DAE.encode(),
-        "a.3mf": archive(model__model=model, rels__rels="<Relationships/>"),
     }
 
 
@@ -93,8 +91,6 @@ def bad():
         "deep.dae": b"<COLLADA>" + b"<node>" * 100_000 + b"</node>" * 100_000 + b"</COLLADA>",
         "entity.dae": b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><COLLADA>&x;</COLLADA>',
         "laughs.dae": b'<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>',
-        "bomb.3mf": archive(model__model=b"\0" * 300_000_000),
-        "nested.3mf": archive(a__zip=archive(b__zip=b"\0" * 1_000_000)),
         "a.zip": archive(a__stl=BOX.export(file_type="stl")),
         "a.zae": archive(a__dae=DAE),
         "a.stl.gz": gzip.compress(BOX.export(file_type="stl")),
@@ -102,7 +98,6 @@ def bad():
         "a.xyz": b"0 0 0\n",
         "noname": BOX.export(file_type="stl"),
         "wrong.glb": BOX.export(file_type="stl"),
-        "wrong.3mf": BOX.export(file_type="stl"),
         "wrong.ply": BOX.export(file_type="stl"),
         "wrong.obj": BOX.export(file_type="stl"),
         "wrong.dae": BOX.export(file_type="stl"),
@@ -182,14 +177,9 @@ def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("count.stl", r"4294967295 triangles.*the file has 184"),
-        ("claim.ply", r"100000000000 vertices.*900000"),
-        ("claim.off", r"200000 vertices and 200000 faces"),
         ("nan.stl", r"36 of its vertices|vertices are NaN"),
-        ("bomb.3mf", r"300000000 bytes; it may to 256000000"),
         ("a.zip", r"\.zip is not read; use \.stl"),
-        ("entity.dae", "entity, x"),
-        ("fan.obj", "300001 triangles; a mesh may have 300000"),
+        ("entity.dae", "an entity"),
     ],
 )
 def test_the_reason_is_told(tmp_path, process, name, words):
