@@ -239,7 +239,10 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     middles = raster.middles(at)
     # gaps that are wider than chance explains, as discs around their pixels
     to_point = raster.distance(np.vstack([middles, rises]))
-    ended, passed = (raster.at(rays) for rays in cloud.rays(height, band))
+    ended, passed = cloud.rays(height, band)
+    # a sensor that saw nothing below tells nothing of holes
+    ended = ended if len(passed) >= SURE_RAYS else ended[:0]
+    ended, passed = raster.at(ended), raster.at(passed)
     radius = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
     radius = np.where(
         _whole_surface(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel)
