@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import map_coordinates, maximum_filter, uniform_filter
 
 from placement_planner_ros.core.scene.granulometry import TILE_M, WIDEST, chance_radius
 from placement_planner_ros.core.scene.transforms import (
@@ -239,23 +239,30 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     middles = raster.middles(at)
     # gaps that are wider than chance explains, as discs around their pixels
     to_point = raster.distance(np.vstack([middles, rises]))
-    ended, passed = (raster.at(rays) for rays in cloud.rays(height, band))
+    ended, passed = cloud.rays(height, band)
+    # a sensor that saw nothing below tells nothing of holes
+    ended = ended if len(passed) >= SURE_RAYS else ended[:0]
+    ended, passed = raster.at(ended), raster.at(passed)
     radius = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
     radius = np.where(
         _whole_surface(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel)
     )
     gap = np.where(to_point > radius, to_point, np.float32(0.0))
-    if len(passed):
-        i, j = (raster.middles(passed) + 0.5).astype(np.int64).T
-        gap[i, j] = np.maximum(gap[i, j], 0.5 * to_point[i, j])
-    inside = _from_discs(raster, gap)
+    # a ray opens half of the way to the nearest point, and the four pixels around it at least
+    rays = raster.middles(passed) if len(passed) else passed
+    away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
+    opened = np.maximum(0.5 * away, np.minimum(away, 0.75))
+    inside = _from_discs(raster, gap, rays, opened)
     # what is not beside what rises is surface, and gaps nearer to that are ends
     from_end, plain = inside, np.ones(len(at), np.bool_)
     if len(rises):
         to_rise = raster.distance(rises)
         plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
-        to_surface = raster.distance(raster.middles(at[plain]))
-        from_end = _from_discs(raster, np.where(to_surface <= to_rise, gap, np.float32(0.0)))
+        drops = raster.distance(raster.middles(at[plain])) <= to_rise
+        of_rays = drops.ravel()[raster.cells(rays)]
+        from_end = _from_discs(
+            raster, np.where(drops, gap, np.float32(0.0)), rays[of_rays], opened[of_rays]
+        )
     surface, top = _layer_heights(raster, at, heights, plain, noise, radius, inside)
     return Layer(
         height,
@@ -304,12 +311,12 @@ def _whole_surface(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[
     return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
 
 
-def _from_discs(raster: _Raster, gap: Field) -> Field:
+def _from_discs(raster: _Raster, gap: Field, rays: Array, opened: Array) -> Field:
     """(nx, ny) signed distance, in pixels, from the union of discs of radii (nx, ny) around
-    pixels."""
+    pixels, and of radii (n,) about rays (n, 2)."""
     i, j = np.nonzero(gap > 0.0)
-    centres = np.column_stack([i, j]).astype(np.float64)
-    return raster.distance(centres, gap[i, j].astype(np.float64))
+    centres = np.vstack([np.column_stack([i, j]), rays])
+    return raster.distance(centres, np.append(gap[i, j].astype(np.float64), opened))
 
 
 def _layer_heights(

@@ -14,6 +14,8 @@ VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])
 BOUNDS = (np.array([-0.6, -0.6, -0.4]), np.array([0.6, 0.6, 0.6]))
 STEEPEST = 0.26
 SENSOR = np.array([0.1, -0.2, 1.5])
+FLOOR = np.tile([1.5, 0.0, -1.0], (12, 1))
+"""Far beside what is looked at: so the sensor tells what lies below."""
 
 
 def patch(lower, upper, slope, height=0.013, spacing=0.004, angle=0.0):
@@ -31,7 +33,7 @@ def environment_of(*patches, noise=0.0, max_slope=STEEPEST):
     if noise:
         points = points + np.random.default_rng(0).normal(0.0, noise, points.shape)
     settings = RegionSettings(max_slope=max_slope)
-    sights = [View(points, SENSOR)]  # noise makes holes of 8 mm and more
+    sights = [View(np.vstack([points, FLOOR]), SENSOR)]  # noise makes holes of 8 mm and more
     return Environment.from_points(points, VOLUME, None, settings, BOUNDS, sights=sights)
 
 

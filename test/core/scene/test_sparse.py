@@ -13,6 +13,7 @@ NOISE = 0.0005
 CORNERS = np.array([(x, y, 0.0) for x in (-0.04, 0.04) for y in (-0.04, 0.04)])
 TOLERANCE, MARGIN = 0.003, 0.003
 SENSOR = np.array([0.05, -0.1, 1.0])
+FLOOR = np.tile([1.5, 0.0, -0.7], (12, 1))
 
 
 def voxel_filtered(height, leaf, seed=0, noise=NOISE):
@@ -30,9 +31,13 @@ def table(x, y):
     return np.zeros_like(x)
 
 
-def carried(points, sensor=None):
-    """Share of 400 squares of 8 cm on the table that carry at all corners."""
-    sights = () if sensor is None else [View(points, sensor)]
+def carried(points, sensor=None, floor=FLOOR):
+    """Share of 400 squares of 8 cm on the table that carry at all corners.
+
+    Args:
+        floor: (n, 3) what the sensor sees beside the table.
+    """
+    sights = () if sensor is None else [View(np.vstack([points, floor]), sensor)]
     environment = Environment.from_points(points, VOLUME, sights=sights, beyond_volume=False)
     places = np.random.default_rng(1).uniform(-0.15, 0.15, (400, 1, 2))
     corners = np.tile(CORNERS, (400, 1, 1))
@@ -46,6 +51,8 @@ def carried(points, sensor=None):
 def test_a_table_thinned_by_a_voxel_filter_carries_where_rays_show_it_whole(leaf, noise):
     assert carried(voxel_filtered(table, leaf, noise=noise), SENSOR) > 0.95
     assert carried(voxel_filtered(table, leaf, noise=noise)) < 0.02
+    # one that sees nothing below the table would see nothing through its holes either
+    assert carried(voxel_filtered(table, leaf, noise=noise), SENSOR, np.zeros((0, 3))) < 0.02
 
 
 @pytest.mark.parametrize("leaf", [0.002, 0.003])
