@@ -133,25 +133,28 @@ class _Columns:
             heights = np.array([r.z for r in poses.regions if r.slope == slope])
             levels = np.unique(np.round(heights / _SAME_HEIGHT_M))
             tolerance = poses.footing.contact_tolerance
-            sums = self._summed(environment.support_of(slope), levels, tolerance, margin)
+            of_levels = [
+                np.unique(heights[np.round(heights / _SAME_HEIGHT_M) == z]) for z in levels
+            ]
+            sums = self._summed(environment.support_of(slope), of_levels, tolerance, margin)
             self._tables[slope] = levels, sums
 
     def _summed(
         self,
         support: SupportMap,
-        levels: Array,
+        levels: list[Array],
         tolerance: float,
         margin: float | None,
     ) -> Array:
-        """(levels, nx + 1, ny + 1) columns with room at that height, summed up."""
+        """(levels, nx + 1, ny + 1) columns with room at the heights of each level, summed up."""
         nx, ny = self._shape
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
-        # Mark columns with a surface at that height, and sum them up.
-        for table, level in zip(sums, levels, strict=True):
-            z = float(level * _SAME_HEIGHT_M)
-            columns = _with_room(support, z, tolerance, margin, self._cell_size) - self._first
-            near = ((columns >= 0) & (columns < (nx, ny))).all(axis=1)
-            table[columns[near, 0] + 1, columns[near, 1] + 1] = 1
+        # Mark columns with a surface at these heights, and sum them up.
+        for table, heights in zip(sums, levels, strict=True):
+            for z in heights.tolist():
+                columns = _with_room(support, z, tolerance, margin, self._cell_size) - self._first
+                near = ((columns >= 0) & (columns < (nx, ny))).all(axis=1)
+                table[columns[near, 0] + 1, columns[near, 1] + 1] = 1
         return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
 
     def _columns_of(self, points: Array) -> Index:
@@ -181,8 +184,8 @@ class _Columns:
 def _with_room(
     support: SupportMap, z: float, tolerance: float, margin: float | None, cell_size: float
 ) -> Index:
-    """(k, 2) columns of cells with room for a margin at about that height."""
-    squares = support.room(z, tolerance, margin, 0.51 * _SAME_HEIGHT_M)
+    """(k, 2) columns of cells with room for a margin at that height, as s(x) is asked for it."""
+    squares = support.room(z, tolerance, margin, _ROUNDING_M)
     x0, y0, x1, y1 = np.floor(squares / cell_size).astype(np.int64).T
     ends = np.concatenate(
         [np.column_stack(each) for each in ((x0, y0), (x0, y1), (x1, y0), (x1, y1))]
