@@ -39,7 +39,7 @@ def test_nothing_is_placed_on_top_of_other_things_where_so_asked():
     for which in ("any", "largest"):
         settings = PlannerSettings(support_region=which)
         planner = PlacementPlanner(problem, height, settings, np.random.default_rng(0))
-        found = list(planner.run(lambda planner=planner: planner.statistics.samples >= 600))
+        found = list(planner.run(lambda planner=planner: planner.statistics.samples >= 6000))
         off = [min(abs(p.goal.contact_height - r.z) for r in level) for p in found]
         apart[which] = off
     assert apart["largest"]

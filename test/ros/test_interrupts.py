@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from helpers.system import wait
 
 import placement_planner_ros
@@ -131,8 +133,9 @@ def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
 def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypatch):
     """A signal comes while kernels are compiled, and a robot of a large mesh is read."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    mesh, urdf = tmp_path / "lines.obj", tmp_path / "robot.urdf"
-    mesh.write_bytes(b"\n" * 60_000_000)  # read for half a minute
+    mesh, urdf = tmp_path / "soup.stl", tmp_path / "robot.urdf"
+    corners = np.random.default_rng(0).normal(size=(50_000, 3, 3))  # read and covered for long
+    trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners)).export(mesh)
     shape = f'<mesh filename="{mesh.as_uri()}"/>'
     urdf.write_text(
         f'<robot name="r"><link name="l"><collision><geometry>{shape}</geometry></collision></link>'

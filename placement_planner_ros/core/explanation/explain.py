@@ -20,7 +20,11 @@ from placement_planner_ros.core.explanation.constraint_table import (
 )
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Progress, Search
-from placement_planner_ros.core.explanation.surfaces import regions_in_words, why_no_region
+from placement_planner_ros.core.explanation.surfaces import (
+    regions_in_words,
+    too_steep,
+    why_no_region,
+)
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.search.cell_layout import whole_cells
 from placement_planner_ros.core.search.pruning import Ruling
@@ -42,6 +46,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
     """The cause, what to change, and the counts."""
     left_out = [f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []
     environment, hierarchy = search.problem.environment, search.hierarchy
+    steep = too_steep(environment)
     if not hierarchy.regions:
         told = why_no_region(environment)
         if len(environment.keep_out) and search.before.regions:
@@ -63,10 +68,17 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         )
     elif progress.found:
         told = _no_motion(search, progress)
+    elif steep is not None and _none_stood(progress):
+        told = replace(steep, cause=steep.cause.replace("no placement region", "nothing stood", 1))
     else:
         told = _all_refused(search, progress)
     numbers = (*regions_in_words(environment), *_count_words(search, progress), *left_out)
     return replace(told, details=(*told.details, *numbers))
+
+
+def _none_stood(progress: Progress) -> bool:
+    """Whether every sample was outside target_volume or without support."""
+    return all(v <= Verdict.UNSTABLE for v, n in progress.count.verdicts.items() if n)
 
 
 def _no_face(search: Search) -> Explanation:
@@ -121,16 +133,18 @@ def _no_face_as_asked(search: Search) -> Explanation:
 
 def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     """What is proven of all that the hierarchy holds."""
-    words = {
+    words = {  # what was asked for comes first
+        Ruling.BREAKS_RULE: f"against a rule{_required_in_words(search)}",
         Ruling.OUT_OF_REACH: "out of reach of every arm in every grasp",
         Ruling.UNSUPPORTED: "without support, or with the centre of mass outside target_volume",
-        Ruling.BREAKS_RULE: f"against a rule{_required_in_words(search)}",
     }
     ruled = [words[ruling] for ruling in words if ruling in rulings]
+    # Where some poses break a rule alone, that is what to change.
+    blamed = [Ruling.BREAKS_RULE] if Ruling.BREAKS_RULE in rulings else list(words)
     return Explanation(
         f"no placement is possible: every pose on the placement regions is {', or '.join(ruled)}",
         _first_of_each(
-            r for ruling in words if ruling in rulings for r in _ruling_remedies(search, ruling)
+            r for ruling in blamed if ruling in rulings for r in _ruling_remedies(search, ruling)
         ),
         tuple(
             f"arm {name} falls short of the nearest pose by {gap:.2f} m or more"

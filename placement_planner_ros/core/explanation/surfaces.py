@@ -50,14 +50,16 @@ def why_no_region(environment: Environment) -> Explanation:
                 Remedy("planning_frame", "name the frame that target_volume is meant in"),
             ),
         )
-    steep = [plane for plane in environment.steep if volume.contains(plane.middle)]
-    if steep:
-        return _too_steep(np.array(steep[0].slope), environment.max_slope, span)
-    return _beside_volume(environment, span, of_volume)
+    return too_steep(environment) or _beside_volume(environment, span, of_volume)
 
 
-def _too_steep(rise: Array, allowed: float, span: str) -> Explanation:
-    """The largest surface in V, of slope (2,), is steeper than `allowed` rad."""
+def too_steep(environment: Environment) -> Explanation | None:
+    """That the largest surface in V is steeper than `max_slope`; None where it is not."""
+    steep = [plane for plane in environment.steep if environment.volume.contains(plane.middle)]
+    if not steep:
+        return None
+    rise, allowed = np.array(steep[0].slope), environment.max_slope
+    span = f"the {environment.points:,} points span {_box_in_words(environment.extent)}"
     slope = steepness(rise)
     x, y = rise / np.hypot(*rise)
     by = f"{math.degrees(slope):.1f} degrees"

@@ -292,13 +292,16 @@ def _fill_slices(
                 if who[i, j] >= 0:
                     x, y = origin[0] + i * pixel, origin[1] + j * pixel
                     near[i, j] = _square_to(runs, who[i, j], x, y, z)
-        # what ends at the slice's upper face comes in
+        # what ends at the slice's upper face comes in, and what stands beside this slice comes in
+        # again: where a wall meets a ceiling, that was nearer further up
         while run < len(number) and number[run] == s:
-            i = min(max(int((runs.at[run, 0] - origin[0]) / pixel + 0.5), 0), nx - 1)
-            j = min(max(int((runs.at[run, 1] - origin[1]) / pixel + 0.5), 0), ny - 1)
-            place = origin[0] + i * pixel, origin[1] + j * pixel, z
-            _take_run(runs, run, i, j, place, near, who)
             run += 1
+        for k in range(run):
+            if number[k] == s or runs.bottom[k] < high:
+                i = min(max(int((runs.at[k, 0] - origin[0]) / pixel + 0.5), 0), nx - 1)
+                j = min(max(int((runs.at[k, 1] - origin[1]) / pixel + 0.5), 0), ny - 1)
+                place = origin[0] + i * pixel, origin[1] + j * pixel, z
+                _take_run(runs, k, i, j, place, near, who)
         # two sweeps hand the nearest on
         for sweep in range(2):
             step = 1 - 2 * sweep

@@ -56,6 +56,17 @@ def exact(obstacles, points, cap=0.5, volume=VOLUME, beyond=0.0):
     return result
 
 
+def test_a_wall_that_meets_a_ceiling_counts_below_it():
+    x, y = (each.ravel() for each in np.mgrid[-0.2:0.2:0.005, -0.2:0.2:0.005])
+    ceiling = np.column_stack([x, y, np.full(x.size, 0.3)])
+    y, z = (each.ravel() for each in np.mgrid[-0.2:0.2:0.005, 0.0:0.301:0.005])
+    wall = np.column_stack([np.full(y.size, 0.003), y, z])
+    made = ObstacleSet.from_points(np.vstack([ceiling, wall]), bounds=BOUNDS)
+    asked = np.random.default_rng(0).uniform([-0.1, -0.1, 0.02], [0.1, 0.1, 0.25], (200, 3))
+    true = np.minimum(np.abs(asked[:, 0] - 0.003), 0.3 - asked[:, 2])
+    assert ClearanceField(made, VOLUME).distance(asked) == pytest.approx(true, abs=0.006)
+
+
 def distance_to_hull(of, points):
     """(n,) from points (n, 2) to the convex hull of others."""
     try:

@@ -181,7 +181,7 @@ def test_small_knobs_on_a_noisy_table_are_not_taken_for_noise():
     over = (lower[..., :2] <= middles + 0.004).all(axis=2)
     over &= (upper[..., :2] >= middles - 0.004).all(axis=2)
     highest = np.where(over, upper[..., 2], -1.0).max(axis=0)
-    assert (highest > 0.004).mean() > 0.9
+    assert (highest > 0.004).mean() > 0.85
     # Between them the table is level.
     centers = 0.5 * (obstacles.lower + obstacles.upper)[:, :2]
     between = np.abs((centers + 0.025) % 0.05 - 0.025).max(axis=1) > 0.02

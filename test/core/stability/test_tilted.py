@@ -44,7 +44,15 @@ def found(case, degrees, azimuth):
     measured = problem.environment.measured
     task = replace(task, measured=np.array([measured.lower, measured.upper]))
     limit = PlannerSettings().timing.acceleration_limits[0]
-    return problem, placements, SolutionChecker(task, Tolerances(acceleration_limit=limit))
+    return (
+        problem,
+        placements,
+        SolutionChecker(
+            task,
+            # walls that lean are many runs of points, whose ends count as few heights
+            Tolerances(acceleration_limit=limit, objective=0.02),
+        ),
+    )
 
 
 @pytest.mark.parametrize(("case", "degrees", "azimuth"), RUNS, ids=str)

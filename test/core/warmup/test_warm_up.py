@@ -56,7 +56,7 @@ x, y = np.mgrid[0.3:0.7:0.004, -0.2:0.2:0.004].reshape(2, -1)
 points = np.column_stack([x, y, np.where(np.hypot(x - 0.5, y) < 0.02, -0.2, 0.0)])
 volume, eye = TargetVolume([0.3, -0.2, -0.05], [0.7, 0.2, 0.3]), np.array([0.5, 0.0, 1.0])
 pierced = Environment.from_points(points, volume, sights=[View(points, eye)])
-print(len(pierced.support.holed))
+print(int(pierced.support.supported(points, 0.003).sum()))
 for name in compiled:
     print(name)
 """
