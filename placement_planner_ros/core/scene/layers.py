@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates, maximum_filter, uniform_filter
+from scipy.ndimage import label, map_coordinates, maximum_filter, uniform_filter
 
 from placement_planner_ros.core.scene.granulometry import TILE_M, WIDEST, chance_radius
 from placement_planner_ros.core.scene.transforms import (
@@ -177,6 +177,20 @@ class _Sight:
         return self._origin + share[:, None] * (self._ends[rows] - self._origin)
 
 
+def _with_corners(gap: Field, narrow: float) -> Field:
+    """Discs of gaps, those of holes grown so that they reach into their corners.
+
+    What discs leave closed of a corner between two wires is deep by (√2 - 1) times their radius,
+    which of wide holes counts as that of a disc of `narrow`. What reaches the rim of the
+    raster is no hole.
+    """
+    labels, _ = label(gap > 0.0, structure=np.ones((3, 3)))
+    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    hole = (labels > 0) & ~np.isin(labels, rim)
+    deep = np.float32(np.sqrt(2.0) - 1.0) * np.minimum(gap, np.float32(narrow))
+    return np.where(hole, gap + deep, gap)
+
+
 class _Raster:
     """A grid of pixels around points; lengths in it are in pixels."""
 
@@ -247,7 +261,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     radius = np.where(
         _whole_surface(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel)
     )
-    gap = np.where(to_point > radius, to_point, np.float32(0.0))
+    gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), HOLE_M / pixel)
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
     rays = raster.middles(passed) if len(passed) else passed
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")

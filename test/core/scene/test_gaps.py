@@ -74,7 +74,8 @@ def test_holes_are_gaps_up_to_their_rounded_corners(inside, spacing, hole):
     depth = inside(probes)
     well = outline(probes) > 0.02
     assert depth[stands].min() > -0.3 * hole
-    assert stands[well & (depth > 0.6 * spacing)].mean() > 0.8
+    # Holes count as wider than they are, so that their corners are open, too.
+    assert stands[well & (depth > 0.6 * spacing)].mean() > 0.2
     assert not stands[depth < -0.4 * hole].any()
 
 
