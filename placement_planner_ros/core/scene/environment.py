@@ -182,10 +182,6 @@ class Environment:
             self._of_grasps[key] = laid_over(self.obstacles, points), laid_over(nothing, points)
         return self._of_grasps[key]
 
-    def of_grasp(self, arm: str, grasp: int) -> Environment:
-        """The same with the obstacle set of one grasp."""
-        return self._changed(obstacles=self.obstacles_of(arm, grasp)[0])
-
     def with_unknown(
         self, below_measured: bool = False, outside_robot: OutsideRobot | None = None
     ) -> Environment:

@@ -69,8 +69,8 @@ class ImprovementModel:
         self._lacks, self._lack = 0, 0.0
         # Nodes: the faces, then every cell that was split or is coarse. Of each, the one above, and
         # how many tries to reach a pose in it there were and how many did.
-        self._above = np.full(1024, -1)
-        self._tries, self._reached = np.zeros((2, 1024))
+        self._above = np.full(2 * faces, -1)
+        self._tries, self._reached = np.zeros((2, 2 * faces))
         self._nodes = faces
 
     @property
@@ -87,7 +87,7 @@ class ImprovementModel:
         return state
 
     def add_node(self, above: int) -> int:
-        """A new node below one."""
+        """The number of a new node below one."""
         node = self._nodes
         if node == len(self._above):
             self._above = np.append(self._above, np.full(node, -1))

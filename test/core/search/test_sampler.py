@@ -248,6 +248,14 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     assert chances.tolist() == [model.chance_to_reach(node) for node in range(len(chances))]
 
 
+def test_nodes_of_many_faces_have_room():
+    model = ImprovementModel(3000)
+    nodes = [model.add_node(2999) for _ in range(5000)]
+    assert nodes == list(range(3000, 8000))
+    model.learn(model.coarse(nodes[-1:]), np.array([Verdict.NO_IK]), np.ones(1), 0.0)
+    assert model.chance_to_reach(nodes[-1]) < model.chance_to_reach(nodes[0]) < 0.5
+
+
 def test_what_promises_more_than_it_gives_is_believed_less():
     model = ImprovementModel(1)
     state = model.coarse([model.add_node(0)] * 100)
