@@ -1,4 +1,4 @@
-"""How long is waited for what."""
+"""Seconds for which the node waits, each for one kind of thing."""
 
 LOOK_S = 0.1
 """Between looks at whether something has happened: a signal, a stop, something to say."""

@@ -300,7 +300,9 @@ class RobotInput:
         def read(should_stop: ShouldStop) -> _Described:
             with MeshProcess(should_stop) as process:
                 tell = self.reading.tell
-                made = self._read(urdf, srdf, _Meshes(self._files, process, trusted, beside, tell))
+                made = self._read(
+                    urdf, srdf, _MeshCovers(self._files, process, trusted, beside, tell)
+                )
             self.continuous_joints = made.robot.continuous
             self.joint_names = frozenset(made.robot.joint_names)
             return made
@@ -309,7 +311,7 @@ class RobotInput:
         self.reading.want(key, read, lasting=True)
         return key
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes) -> _Described:
+    def _read(self, urdf: str, srdf: str | None, meshes: _MeshCovers) -> _Described:
         try:
             robot = Robot.from_urdf(urdf, meshes, srdf, self._limits, meshes.covers)
             if not self._frame or self._frame == robot.root_link:
@@ -321,7 +323,7 @@ class RobotInput:
             raise DescriptionError(error.field, error.value, error.remedy) from error
 
 
-class _Meshes:
+class _MeshCovers:
     """The meshes of one description, read and covered in another process, where no other has yet.
 
     Args:

@@ -39,7 +39,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class FilteredPoints:
     """How points (n, 3) lie to surfaces.
 
     Attributes:
@@ -57,15 +57,15 @@ class Look:
     padded: Mask
 
     @classmethod
-    def nothing(cls, n: int) -> Look:
+    def nothing(cls, n: int) -> FilteredPoints:
         """Where there are no surfaces."""
         far, none = np.full(n, np.inf), np.zeros(n, np.bool_)
         return cls(far, np.full((n, 3), np.nan), np.full(n, -1), none, none.copy())
 
-    def joined(self, other: Look) -> Look:
+    def joined(self, other: FilteredPoints) -> FilteredPoints:
         """How they lie to the surfaces of both."""
         mine = self.apart <= other.apart
-        return Look(
+        return FilteredPoints(
             np.where(mine, self.apart, other.apart),
             np.where(mine[:, None], self.nearest, other.nearest),
             np.where(mine, self.solid, other.solid + self.solid.max(initial=-1) + 1),
@@ -125,9 +125,9 @@ class Outline:
         """The object at that pose."""
         return cls(tuple((T_world_object, tree, padding) for tree in _body_trees(body)))
 
-    def look(self, points: Array, least: float = 0.0) -> Look:
+    def look(self, points: Array, least: float = 0.0) -> FilteredPoints:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
-        found = Look.nothing(len(points))
+        found = FilteredPoints.nothing(len(points))
         for number, (T, tree, padding) in enumerate(self.placed):
             cap = max(padding, least) + ROUNDING_M
             rows = _near(points, T, tree, cap)

@@ -1,4 +1,4 @@
-"""What happens in runs, passed on: results, `~/status`, `/diagnostics` and lines of the log."""
+"""Happenings of runs, passed on: results, `~/status`, `/diagnostics` and lines of the log."""
 
 from __future__ import annotations
 

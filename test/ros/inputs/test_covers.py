@@ -16,7 +16,7 @@ from placement_planner_ros.ros.inputs.mesh_process import (
     read_kept,
 )
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import _Meshes
+from placement_planner_ros.ros.inputs.robot_input import _MeshCovers
 
 URDF = """<robot name="ring"><link name="base"><collision><geometry>
 <mesh filename="ring.stl"/></geometry></collision></link></robot>"""
@@ -33,7 +33,7 @@ def read(folder, process):
     """The robot, and what was told of its covers."""
     told = []
     robot = Robot.from_urdf(
-        URDF, [folder], None, None, _Meshes(Files(), process, True, None, told.append).covers
+        URDF, [folder], None, None, _MeshCovers(Files(), process, True, None, told.append).covers
     )
     assert told == ["cover 1 of 1 (link base)"]
     return robot

@@ -1,4 +1,4 @@
-"""What the object touches in each grasp, and whether the hand can let go of it."""
+"""Touching of the object by each grasp, and whether the hand can let go of it."""
 
 from __future__ import annotations
 

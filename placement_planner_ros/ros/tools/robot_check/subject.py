@@ -1,4 +1,4 @@
-"""What is checked: robot, start, arms and object, as far as they could be made."""
+"""The subject of a check: robot, start, arms and object, as far as they could be made."""
 
 from __future__ import annotations
 
