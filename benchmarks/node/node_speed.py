@@ -30,7 +30,7 @@ from std_srvs.srv import Trigger
 
 from benchmarks.machine import resident_megabytes
 from placement_planner_ros.client import Answer, PlacementError, Status
-from placement_planner_ros.client.calls import parameter_message
+from placement_planner_ros.client.conversation import parameter_message
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.share import share_path

@@ -5,20 +5,19 @@
         ...  # carry out solution.trajectory, open the hand, carry out solution.retreat_trajectory
         planner.confirm_placed(solution)
 
-`PlacementClient` blocks, `AsyncPlacementClient` has the same methods for asyncio. Both work with a
-node of the caller's that somebody spins, and without one spin a node of their own. Whatever does
-not end with a solution raises `PlacementError` with a code and words. Loads nothing of the planner.
+`PlacementClient` works with a node of the caller's that somebody spins, and without one spins a
+node of its own. Whatever does not end with a solution raises `PlacementError` with a code and
+words. Loads nothing of the planner.
 """
 
 from placement_planner_ros.client.answer import Answer
-from placement_planner_ros.client.clients import AsyncPlacementClient, PlacementClient
 from placement_planner_ros.client.errors import PlacementError
+from placement_planner_ros.client.placement_client import PlacementClient
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import Status, Validity
 
 __all__ = [
     "Answer",
-    "AsyncPlacementClient",
     "PlacementClient",
     "PlacementError",
     "Solution",

@@ -1,24 +1,16 @@
-"""Waiting for what the node says, in a thread or in asyncio.
-
-What a client does is written once, as steps: a generator that yields whenever it has to wait. It
-yields until when, and goes on once something was heard or that time has come.
-"""
+"""Waiting for what the node says."""
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
-from collections.abc import Callable, Generator
-from contextlib import closing
+from collections.abc import Callable
 from typing import TypeVar
 
 T = TypeVar("T")
-Steps = Generator[float, None, T]
-"""Yields the time of `time.monotonic` until which it waits at most; returns its result."""
 
 LONGEST = 0.5
-"""Seconds after which steps go on in any case, as a node that is gone tells nobody."""
+"""Seconds after which who waits looks again in any case, as a node that is gone tells nobody."""
 
 
 class News:
@@ -26,79 +18,24 @@ class News:
 
     def __init__(self) -> None:
         self._heard = threading.Condition()
-        self._count = 0
-
-    @property
-    def count(self) -> int:
-        """How often something was heard."""
-        return self._count
+        self.count = 0
 
     def tell(self, *_: object) -> None:
         """Something was heard."""
         with self._heard:
-            self._count += 1
+            self.count += 1
             self._heard.notify_all()
 
     def wait(self, count: int, until: float) -> None:
-        """Until `count` is another, or that time has come."""
+        """Until `count` is another, or that time of `time.monotonic` has come."""
         with self._heard:
             seconds = max(0.0, min(until - time.monotonic(), LONGEST))
-            self._heard.wait_for(lambda: self._count != count, seconds)
+            self._heard.wait_for(lambda: self.count != count, seconds)
 
-
-def wait_until(what: Callable[[], T | None], end: float) -> Steps[T | None]:
-    """Steps until something is there, which they give, or that time has come: None."""
-    while (found := what()) is None and time.monotonic() < end:
-        yield end
-    return found
-
-
-def finish(steps: Steps[T], news: News) -> T:
-    """Take steps to their end, in this thread. What interrupts it is raised in the steps."""
-    interruption: BaseException | None = None
-    with closing(steps):
+    def wait_until(self, what: Callable[[], T | None], end: float) -> T | None:
+        """What is there, once it is; None where that time has come before."""
         while True:
-            count = news.count
-            try:
-                until = next(steps) if interruption is None else steps.throw(interruption)
-            except StopIteration as end:
-                result: T = end.value
-                return result
-            interruption = None
-            try:
-                news.wait(count, until)
-            except BaseException as raised:
-                interruption = raised
-
-
-async def finish_async(steps: Steps[T], news: News) -> T:
-    """The same in asyncio.
-
-    Raises:
-        RuntimeError: no loop of asyncio runs here.
-    """
-    interruption: BaseException | None = None
-    with closing(steps):
-        _require_asyncio()
-        while True:
-            count = news.count
-            try:
-                until = next(steps) if interruption is None else steps.throw(interruption)
-            except StopIteration as end:
-                result: T = end.value
-                return result
-            interruption = None
-            try:
-                await asyncio.to_thread(news.wait, count, until)
-            except BaseException as raised:
-                interruption = raised
-
-
-def _require_asyncio() -> None:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        raise RuntimeError(
-            "AsyncPlacementClient is for asyncio; in a callback of rclpy use PlacementClient, with "
-            "a MultiThreadedExecutor and the callback in a group of its own"
-        ) from None
+            count = self.count
+            if (found := what()) is not None or time.monotonic() >= end:
+                return found
+            self.wait(count, end)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.types import Array
@@ -22,35 +19,9 @@ _COST_PER_RAD = 0.1
 """Share that may be hidden more in a view that is a radian nearer to the usual one."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstView:
-    """How the page looks at first.
-
-    Attributes:
-        eye: (3,) from where.
-        at: (3,) at what.
-        hidden: share of what matters that robot and scene hide.
-    """
-
-    eye: Array
-    at: Array
-    hidden: float
-
-    def before(self, points: Array, boxes: Array) -> npt.NDArray[np.bool_]:
-        """Which of the points (n, 3) stand between the eye and boxes (k, 2, 3), in none of them."""
-        found, inside = np.zeros((2, len(points)), bool)
-        way = points - self.eye
-        way[np.abs(way) < 1e-9] = 1e-9
-        for box in boxes:
-            one, other = (box - self.eye)[:, None] / way
-            enters, leaves = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
-            found |= (enters < leaves) & (leaves > 1.0)
-            inside |= (enters <= 1.0) & (leaves >= 1.0)
-        return found & ~inside
-
-
-def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> FirstView:
-    """The view in which most of what matters is seen, and that looks most usual of those.
+def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> tuple[Array, Array]:
+    """Eye (3,) and middle (3,) of the view in which most of what matters is seen, and that looks
+    most usual of those.
 
     Args:
         matter: (n, 3) points that matter, as those in V.
@@ -76,8 +47,8 @@ def first_view(matter: Array, also: Array, hiders: Array, base: Array) -> FirstV
                 away, _ = tree.query(lines, distance_upper_bound=_SIGHT_RADIUS_M)
                 hidden = float(np.isfinite(away).any(axis=0).mean())
             cost = hidden + _COST_PER_RAD * np.arccos(np.clip(direction @ usual, -1.0, 1.0))
-            views.append((cost, FirstView(eye, middle, hidden)))
-    return min(views, key=lambda view: view[0])[1]
+            views.append((cost, eye))
+    return min(views, key=lambda view: view[0])[1], middle
 
 
 def _unit_direction(azimuth: float, elevation: float) -> Array:

@@ -16,11 +16,11 @@ from placement_planner_ros.view.colours import (
     HELD,
     OBSTACLES,
     PLACED,
+    REGION,
     STANDING,
     START,
     VOLUME,
     css_colour,
-    scale_css,
 )
 from placement_planner_ros.view.words import CONSTRAINTS
 
@@ -89,13 +89,10 @@ def rejection_bars(rejected: Mapping[str, int], samples: int) -> str:
     )
 
 
-def colour_legend(
-    heat: tuple[float, float] | None, earlier: bool, standing: bool, ghost: bool, obstacles: bool
-) -> str:
+def colour_legend(earlier: bool, standing: bool, ghost: bool, obstacles: bool) -> str:
     """What the colours in the scene mean.
 
     Args:
-        heat: ξ at the ends of the scale where regions are coloured by it, else None.
         earlier: whether other placements are shown.
         standing: whether there are objects that earlier runs have placed.
         ghost: whether the start is shown as a ghost.
@@ -105,7 +102,7 @@ def colour_legend(
     entries += [(START, "ghost: robot and object at the start")] if ghost else []
     entries += [(EARLIER, "other placements found")] if earlier else []
     entries += [(STANDING, "placed by earlier runs")] if standing else []
-    entries += [(VOLUME, "edges of the target volume V")]
+    entries += [(VOLUME, "edges of the target volume V"), (REGION, "surfaces in V that can carry")]
     entries += [(OBSTACLES, "what counts as obstacle")] if obstacles else []
     swatches = "".join(
         f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;'
@@ -113,13 +110,4 @@ def colour_legend(
         f"{escape(words)}</span> "
         for colour, words in entries
     )
-    bar = "surfaces in V that can carry it: plain blue"
-    if heat is not None:
-        bar = (
-            "surfaces in V, by ξ if the object stood there turned like this (estimated here):"
-            f'<div style="height:10px;border-radius:2px;background:{scale_css()}"></div>'
-            '<div style="display:flex;justify-content:space-between">'
-            f"<span>{heat[0]:.3f} worst</span><span>{heat[1]:.3f} best</span></div>"
-            "Where a bright place was not taken, something else rejects it: see the bars."
-        )
-    return f'<div style="{_BOX};font-size:11.5px">{swatches}<div>{bar}</div></div>'
+    return f'<div style="{_BOX};font-size:11.5px">{swatches}</div>'

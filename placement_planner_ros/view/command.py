@@ -7,7 +7,6 @@ import os
 import socket
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Sequence
 
@@ -16,7 +15,7 @@ import viser
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from placement_planner_ros.client.session import Session
+from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.process import begin_ros
@@ -31,8 +30,6 @@ NICE = 19
 """By how much others go first where the processor is short, as the planner should."""
 HEARD = 0.1
 """Seconds between looks at what has come. Each takes half a millisecond, however much has."""
-SAID_AGAIN = 10.0
-"""Seconds after which a fault of the page is said again."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,19 +46,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     node = Node("placement_view")
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)
-    conversation = Session(node, options.planner) if options.control else None
-    listener = Listener(node, options.planner, conversation)
+    client = PlacementClient(node, options.planner) if options.control else None
+    listener = Listener(node, options.planner, None if client is None else client.hearing)
     transforms = Transforms(node)
     page = Page(server, listener, World(listener, transforms.pose))
     controls = None
-    if conversation is not None:
-        controls = Controls(
-            server,
-            conversation,
-            listener.parameters.client,
-            lambda: page.record.run,
-            lambda: page.solution,
-        )
+    if client is not None:
+        controls = Controls(server, client, lambda: page.record.run, lambda: page.solution)
     executor, over = SingleThreadedExecutor(), threading.Event()
     executor.add_node(node)
 
@@ -93,7 +84,7 @@ def _show_page(
     page: Page, listener: Listener, controls: Controls | None, asked: threading.Event
 ) -> None:
     """Refresh the page until it is asked to end."""
-    known, said_at = -1, -SAID_AGAIN
+    known, said = -1, ""
     while not asked.is_set():
         wait = 1.0
         try:
@@ -103,9 +94,10 @@ def _show_page(
                 controls.know(listener.parameters.values)
         # Whatever is heard, the page goes on; what nobody expected is said.
         except Exception:
-            if time.monotonic() > said_at + SAID_AGAIN:
-                said_at = time.monotonic()
-                traceback.print_exc()
+            fault = traceback.format_exc()
+            if fault != said:  # once, not ten times a second
+                said = fault
+                print(fault, file=sys.stderr, flush=True)
         asked.wait(wait)
 
 
@@ -116,8 +108,9 @@ def _address_fault(host: str, port: int) -> str:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((host, port))
-    except OSError as error:
-        return f"--host {host} --port {port}: {error.strerror or error}; choose another"
+    except (OSError, OverflowError) as error:
+        words = getattr(error, "strerror", None) or error
+        return f"--host {host} --port {port}: {words}; choose another"
     return ""
 
 

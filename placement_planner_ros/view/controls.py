@@ -1,18 +1,13 @@
-"""Starting, stopping, confirming and setting parameters from the page; with `--control` only."""
+"""Starting, stopping and confirming from the page; with `--control` only."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import viser
-from rclpy.parameter_client import AsyncParameterClient
 
-from placement_planner_ros.client import PlacementError, Solution
-from placement_planner_ros.client.calls import parameter_message
-from placement_planner_ros.client.session import Session
-from placement_planner_ros.client.waiting import finish
+from placement_planner_ros.client import PlacementClient, PlacementError, Solution
 from placement_planner_ros.view import words
 from placement_planner_ros.view.panel import COMMANDS
 
@@ -34,8 +29,7 @@ class Controls:
     """Buttons and fields, each of which asks the node; its answer stands below what was pressed.
 
     Args:
-        conversation: with the planning node.
-        setting: of its parameters.
+        client: of the planning node.
         run: number of its newest run.
         shown: the solution that is looked at; None where there is none.
     """
@@ -43,13 +37,11 @@ class Controls:
     def __init__(
         self,
         server: viser.ViserServer,
-        conversation: Session,
-        setting: AsyncParameterClient,
+        client: PlacementClient,
         run: Callable[[], int],
         shown: Callable[[], Solution | None],
     ) -> None:
-        self._talk, self._run, self._shown = conversation, run, shown
-        self._setting = setting
+        self._client, self._run, self._shown = client, run, shown
         self._known: dict[str, Any] = {}
         gui = server.gui
         acts = {_START: self._start, _STOP: self._stop, _CONFIRM: self._confirm}
@@ -69,11 +61,7 @@ class Controls:
             }
             for name, label in _NUMBERS.items():
                 self._fields[name] = gui.add_number(label, 0.0, step=0.001)
-            keep = gui.add_button("Keep these for later starts, too")
-            # Here, as the answer to the buttons at the top may be scrolled away.
-            self._kept = gui.add_html("")
-        buttons.on_click(lambda event: self._do(acts[event.target.value], self._answer))
-        keep.on_click(lambda _: self._do(self._keep, self._kept))
+        buttons.on_click(lambda event: self._do(acts[event.target.value]))
 
     def know(self, parameters: dict[str, Any]) -> None:
         """The node's parameters: fields whose value the node has changed show the new one.
@@ -94,54 +82,34 @@ class Controls:
             else:
                 field.value = value
 
-    def _do(self, act: Callable[[], str], answer: Any) -> None:
-        self._answer.content = self._kept.content = ""
-        answer.content = words.note_html("asking the node …")
+    def _do(self, act: Callable[[], str]) -> None:
+        self._answer.content = words.note_html("asking the node …")
         try:
             said = act()
         except PlacementError as error:
             said = words.refusal_words(error)
         except (TypeError, ValueError) as error:
             said = f"not sent: {error}"
-        answer.content = words.note_html(said)
+        self._answer.content = words.note_html(said)
 
     def _start(self) -> str:
         changed = self._changed()
-        run = finish(self._talk.start(changed, PATIENCE), self._talk.news)
+        run = self._client.start(changed, PATIENCE)
         # A browser that is busy may not have sent what was typed: then it is not named here.
         return f"run {run} has begun" + (f" with another {', '.join(changed)}" if changed else "")
 
     def _stop(self) -> str:
         if not self._run():
             return "no run was started"
-        best = finish(self._talk.stop(self._run()), self._talk.news)
+        best = self._client.stop(self._run())
         return f"stopped; {best.words}"
 
     def _confirm(self) -> str:
         solution = self._shown()
         if solution is None:
             return "there is no placement to confirm"
-        run = finish(self._talk.confirm(solution, None), self._talk.news)
+        run = self._client.confirm_placed(solution)
         return f"solution {solution.number} of run {run} stands there now"
-
-    def _keep(self) -> str:
-        changed = self._changed()
-        if not changed:
-            return "nothing was changed"
-        if not self._setting.services_are_ready():
-            return "no node is there"
-        told = self._setting.set_parameters_atomically(
-            [parameter_message(name, value) for name, value in changed.items()]
-        )
-        # In a thread of viser's, while another spins the node.
-        told.add_done_callback(self._talk.news.tell)
-        end = time.monotonic() + PATIENCE
-        while not told.done() and time.monotonic() < end:
-            self._talk.news.wait(self._talk.news.count, end)
-        if not told.done() or told.result() is None:
-            return "the node has not answered"
-        result = told.result().result
-        return f"set {', '.join(changed)}" if result.successful else str(result.reason)
 
     def _changed(self) -> dict[str, Any]:
         """What the fields say that the node has not been told."""

@@ -15,7 +15,6 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from placement_planner_ros.client.session import Session
 from placement_planner_ros.client.subscriptions import Subscriptions
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -63,18 +62,14 @@ class Listener:
 
     Args:
         planner: the planning node's name.
-        conversation: with it, which hears it already.
+        hearing: where somebody hears its status and solutions already.
     """
 
-    def __init__(self, node: Node, planner: str, conversation: Session | None = None) -> None:
+    def __init__(self, node: Node, planner: str, hearing: Subscriptions | None = None) -> None:
         self._node = node
         self._group = MutuallyExclusiveCallbackGroup()
         self.planner = node.resolve_service_name(planner)
-        self.hearing = (
-            Subscriptions(node, planner, self._group, News())
-            if conversation is None
-            else conversation.hearing
-        )
+        self.hearing = hearing or Subscriptions(node, planner, self._group, News())
         self.parameters = NodeParameters(node, self.planner, self._group)
         self.watched = True
         self.positions: dict[str, float] = {}

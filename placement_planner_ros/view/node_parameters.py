@@ -14,8 +14,6 @@ from rclpy.task import Future
 
 from placement_planner_ros.ros.spinning import waiting
 
-_KEPT = 1000
-"""Events between two looks: a node that starts sends two for each parameter that it declares."""
 RETRIED = 5
 """Looks after which an answer that has not come is asked for again."""
 
@@ -61,7 +59,8 @@ class NodeParameters:
         self.client.list_parameters(callback=self._listed)
 
     def _hear(self, event: ParameterEvent) -> None:
-        if any(each.node == self._planner for each in (event, *waiting(self._events, _KEPT))):
+        others = waiting(self._events, qos_profile_parameter_events.depth)
+        if any(each.node == self._planner for each in (event, *others)):
             self._wanted = True
 
     def _listed(self, answer: Future) -> None:

@@ -26,9 +26,7 @@ def make_parser() -> argparse.ArgumentParser:
         default="127.0.0.1",
         help="address to serve on; 127.0.0.1 is this machine only, 0.0.0.0 is whoever can reach it",
     )
-    made.add_argument(
-        "--port", type=_port_number, default=PORT, help=f"port to serve on; without it {PORT}"
-    )
+    made.add_argument("--port", type=int, default=PORT, help=f"port to serve on; without it {PORT}")
     made.add_argument(
         "--control",
         action="store_true",
@@ -41,16 +39,6 @@ def make_parser() -> argparse.ArgumentParser:
         help="name of the planning node; without it placement_planner",
     )
     return made
-
-
-def _port_number(text: str) -> int:
-    try:
-        port = int(text)
-    except ValueError:
-        port = -1
-    if not 1 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f"{text}: give a number from 1 to 65535")
-    return port
 
 
 def own_and_ros(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:

@@ -16,10 +16,9 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.view import charts, words
-from placement_planner_ros.view.camera import FirstView, first_view
-from placement_planner_ros.view.drawn_markers import DrawnMarkers, cut_rectangles
+from placement_planner_ros.view.camera import first_view
+from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.listening import Listener
-from placement_planner_ros.view.objective_map import RegionColours, region_colours
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import Stage
@@ -32,9 +31,8 @@ and between looks whether anybody has opened the page."""
 _MOVED = 1e-4
 """rad or m by which a joint must have moved for the robot to be drawn anew, or V for the camera to
 look from elsewhere: as it is published V differs in its last digits from the parameter."""
-CURVE_PERIOD, COLOUR_PERIOD = 0.5, 3.0
-"""Seconds after which the curve of a run that goes on is drawn longer, and its regions are coloured
-by another placement."""
+CURVE_PERIOD = 0.5
+"""Seconds after which the curve of a run that goes on is drawn longer."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
 _NO_MARKERS = DrawnMarkers(
@@ -54,18 +52,14 @@ class Page:
         self._server, self._listener, self._world = server, listener, world
         self._stage = Stage(server)
         self._panel = Panel(server, self._stage.show)
-        self._coloured: RegionColours | None = None
         self.record = RunRecord()
         self.shown: Improvement | None = None
         self._playback: Playback | None = None
         self._markers = _NO_MARKERS
         self._obstacles = np.zeros((0, 3))
-        self._pieces = np.zeros((0, 4, 3))
         self._drawn: dict[str, object] = {}
         self._faults: dict[str, str] = {}
         self._poses: Mapping[str, pin.SE3] = {}
-        self._view: FirstView | None = None
-        self._coloured_at = -math.inf
         self._looked_at = time.monotonic()
 
     @property
@@ -230,7 +224,7 @@ class Page:
     def _draw_clouds(self) -> None:
         for topic, cloud in self._listener.clouds.items():
             count = self._listener.parameters.count
-            key = (Itself(cloud), Itself(self._poses), Itself(self._view), count)
+            key = (Itself(cloud), Itself(self._poses), count)
             if self._drawn.get(f"heard {topic}") == key:
                 continue
             points, why_not = self._world.in_planning_frame(cloud, self._poses)
@@ -239,16 +233,8 @@ class Page:
                 continue
             self._drawn[f"heard {topic}"] = key
             # Most clouds are what they were before; those of a moving sensor are not.
-            if self._is_new(f"cloud {topic}", (hash(points.tobytes()), Itself(self._view))):
-                self._stage.draw_cloud(topic, self._opened(points))
-
-    def _opened(self, points: Array) -> Array:
-        """The cloud (n, 3); where half of V is hidden, one in eight points of what hides it."""
-        if self._view is None or self._view.hidden < 0.5:
-            return points
-        kept = ~self._view.before(points, self._volume)
-        kept[::8] = True
-        return points[kept]
+            if self._is_new(f"cloud {topic}", hash(points.tobytes())):
+                self._stage.draw_cloud(topic, points)
 
     def _draw_scene(self) -> None:
         shown, surface = self.shown, self._world.object
@@ -270,28 +256,9 @@ class Page:
             self._stage.draw_standing(self._markers.standing)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
-        self._draw_regions()
-
-    def _draw_regions(self) -> None:
-        best, surface = self.record.best, self._world.object
         # Each placement brings the regions along, mostly those that there were.
-        if self._is_new("regions heard", Itself(self._markers)) and self._is_new(
-            "cut", self._markers.regions.tobytes()
-        ):
-            self._pieces = cut_rectangles(self._markers.regions)
-        scene = (Itself(self._pieces), Itself(self._obstacles), Itself(surface), best is None)
-        now = time.monotonic()
-        # Another placement of the run only turns the object, which is worth no haste.
-        due = now >= self._coloured_at + COLOUR_PERIOD or not self.record.active
-        if not self._is_new("scene of regions", scene) and not due:
-            return
-        if self._is_new("regions", (*scene, Itself(best))):
-            self._coloured_at = now
-            self._coloured = region_colours(
-                self._pieces, best, surface, self._obstacles, self._volume, self._world
-            )
-            colour = None if self._coloured is None else self._coloured[0]
-            self._stage.draw_regions(self._pieces, colour)
+        if self._is_new("regions", self._markers.regions.tobytes()):
+            self._stage.draw_regions(self._markers.regions)
 
     @property
     def _volume(self) -> Array:
@@ -322,13 +289,13 @@ class Page:
         lower, upper = volume[:, 0].min(axis=0), volume[:, 1].max(axis=0)
         matter = lower + np.random.default_rng(0).random((60, 3)) * (upper - lower)
         held = np.array([T.translation for T in self._holding(poses)]).reshape(-1, 3)
-        self._view = first_view(
+        eye, at = first_view(
             np.vstack([matter, lower, upper]),
             held,
             np.vstack([none, *on_robot, *around]),
             np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3),
         )
-        self._stage.look_from(self._view.eye, self._view.at)
+        self._stage.look_from(eye, at)
 
     # --- what is said
 
@@ -356,7 +323,6 @@ class Page:
             stage=self._stage_words(),
             bars=charts.rejection_bars(record.rejected, record.samples),
             legend=charts.colour_legend(
-                None if self._coloured is None else self._coloured[1],
                 len(record.improvements) > 1,
                 len(self._markers.standing) > 0,
                 self._panel.time > 0.0,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import trimesh
 import viser
 
 from placement_planner_ros.core.types import Array
@@ -177,23 +176,22 @@ class Stage:
                 thickness=0.004,
             )
 
-    def draw_regions(self, pieces: Array, colour: npt.NDArray[np.uint8] | None) -> None:
-        """The regions' pieces (n, 4, 3), in colours (n, 3) or plain."""
+    def draw_regions(self, rectangles: Array) -> None:
+        """The regions' rectangles (n, 4, 3)."""
         self._clear("regions")
-        if len(pieces) == 0:
+        if len(rectangles) == 0:
             return
-        chosen = np.tile(np.array(colours.REGION, np.uint8), (len(pieces), 1))
-        chosen = chosen if colour is None else colour
         halves = np.array([[0, 1, 2], [0, 2, 3]])
-        faces = (4 * np.arange(len(pieces))[:, None, None] + halves).reshape(-1, 3)
-        mesh = trimesh.Trimesh(
-            pieces.reshape(-1, 3) + np.array([0.0, 0.0, 0.002]),
-            faces,
-            vertex_colors=np.repeat(colours.linear_colours(chosen), 4, axis=0),
-            process=False,
-        )
-        self._parts["regions"] = self._scene.add_mesh_trimesh(
-            "/regions/all", mesh, cast_shadow=False, receive_shadow=False
+        faces = (4 * np.arange(len(rectangles))[:, None, None] + halves).reshape(-1, 3)
+        above = rectangles.reshape(-1, 3) + np.array([0.0, 0.0, 0.002])
+        self._parts["regions"] = self._scene.add_mesh_simple(
+            "/regions/all",
+            above.astype(np.float32),
+            faces.astype(np.uint32),
+            color=colours.REGION,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
         )
 
     def draw_cloud(self, topic: str, points: Array) -> None:

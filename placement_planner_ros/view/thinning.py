@@ -14,8 +14,6 @@ from placement_planner_ros.ros.inputs.structured_points import structured_points
 
 MOST_POINTS = 30_000
 """Points of one cloud that are shown."""
-FAR = 1e3
-"""Metres from the sensor beyond which nothing is shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +55,8 @@ def thinned_cloud(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
         along, down = (along + 1, down) if along < width else (along, down + 1)
     few = all_of_them[::down, ::along]
     points = np.column_stack([few[name].ravel().astype(np.float64) for name in "xyz"])
-    near = (np.abs(points) <= FAR).all(axis=1)  # and they are numbers
-    return ThinCloud(message.header.frame_id, points[near], count)
+    finite = np.isfinite(points).all(axis=1)
+    return ThinCloud(message.header.frame_id, points[finite], count)
 
 
 def moved_points(points: Array, T: pin.SE3) -> Array:

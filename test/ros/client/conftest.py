@@ -4,14 +4,15 @@ import pytest
 from helpers.fakes import Bench
 from helpers.searches import Sensors, service_of
 
-from placement_planner_ros.client import Answer, PlacementClient, session
+from placement_planner_ros.client import Answer, PlacementClient, conversation, placement_client
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """A client that waits for answers however slow the machine is."""
-    for name in ("ANSWER_WITHIN", "LEFT_WITHIN", "KNOWN_WITHIN"):
-        monkeypatch.setattr(session, name, 120.0)
+    for module in (conversation, placement_client):
+        monkeypatch.setattr(module, "ANSWER_WITHIN", 120.0)
+    monkeypatch.setattr(placement_client, "KNOWN_WITHIN", 120.0)
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """What a client says of placements that were carried out, and whether one still holds."""
 
-import asyncio
 import threading
 
 import pytest
@@ -8,7 +7,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from helpers.fakes import TABLE
 from helpers.searches import Doing, found, searching
 
-from placement_planner_ros.client import AsyncPlacementClient, PlacementError
+from placement_planner_ros.client import PlacementError
 from placement_planner_ros.ros.run import watch
 
 
@@ -112,20 +111,3 @@ def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
     fed.call("start")
     fed.wait(lambda: not planner.validity(placing.result))
     assert "last run is 2" in planner.validity(placing.result).reason
-
-
-def test_the_same_in_asyncio(fed):
-    async def talk():
-        async with AsyncPlacementClient() as planner:
-            assert (await planner.wait_until_ready(60.0)).warm == "true"
-            run = await planner.start({}, patience=60.0)
-            await asyncio.to_thread(found, fed, 0.5)
-            solution = await planner.stop(run)
-            assert await planner.confirm_placed(solution) == run
-            await planner.remove_placed(solution)
-            await planner.confirm_placed()
-            await planner.clear_environment()
-            with pytest.raises(PlacementError, match="WRONG_RUN"):
-                await planner.remove_placed(run)
-
-    asyncio.run(talk())

@@ -6,7 +6,7 @@ import threading
 import pytest
 from helpers.searches import Doing, ended, found, searching, service_of
 
-from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, session
+from placement_planner_ros.client import PlacementClient, PlacementError, conversation
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.ros.run import worker
 
@@ -33,50 +33,36 @@ def was_stopped(b):
     return b.node._commands.run.state is worker.State.STOPPED
 
 
-def test_a_task_that_is_cancelled_stops_its_run(fed):
-    async def cancelling():
-        async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(60.0)
-            task = asyncio.create_task(planner.place({}, 60.0))
-            await asyncio.to_thread(searching, fed)
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            return ended(fed)
-
-    assert asyncio.run(cancelling())
+def test_withdrawing_before_start_has_answered_stops_the_run(fed, planner, held):
+    placing = Doing(lambda: planner.place({}, 60.0))
+    searching(fed)
+    planner.withdraw()
+    assert not ended(fed)
+    held.set()
+    assert placing.error.code == "WITHDRAWN"
     assert was_stopped(fed)
 
 
-def test_the_next_place_waits_for_the_run_that_was_left(fed):
-    async def replacing():
-        async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(60.0)
-            left = asyncio.create_task(planner.place({}, 60.0))
-            await asyncio.to_thread(searching, fed)
-            left.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await left
-            placing = asyncio.create_task(planner.place({}, 60.0, until=lambda s: True))
-            await asyncio.to_thread(found, fed, 0.5, number=2)
-            return (await placing).run
-
-    assert asyncio.run(replacing()) == 2
+def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, monkeypatch):
+    with PlacementClient() as planner:
+        planner.wait_until_ready(60.0)
+        monkeypatch.setattr(conversation, "ANSWER_WITHIN", 0.3)
+        with pytest.raises(PlacementError) as raised:
+            planner.start()
+        assert raised.value.code == "NO_ANSWER"
+        searching(fed)
+        assert not ended(fed)
+        held.set()
+        assert was_stopped(fed)
 
 
-def test_a_task_that_is_cancelled_before_start_has_answered_stops_its_run(fed, held, monkeypatch):
-    monkeypatch.setattr(session, "LEFT_WITHIN", 0.3)
-
+def test_a_task_of_asyncio_places_in_a_thread_and_withdraws(fed, planner):
     async def cancelling():
-        async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(60.0)
-            task = asyncio.create_task(planner.place({}, 60.0))
-            await asyncio.to_thread(searching, fed)
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            assert not ended(fed)
-            held.set()
+        task = asyncio.create_task(asyncio.to_thread(planner.place, {}, 60.0))
+        await asyncio.to_thread(searching, fed)
+        planner.withdraw()
+        with pytest.raises(PlacementError, match="WITHDRAWN"):
+            await task
 
     asyncio.run(cancelling())
     assert was_stopped(fed)

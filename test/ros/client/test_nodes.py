@@ -15,12 +15,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from placement_planner_ros.client import (
-    AsyncPlacementClient,
     PlacementClient,
     PlacementError,
-    session,
+    conversation,
 )
-from placement_planner_ros.client.calls import parameter_message
+from placement_planner_ros.client.conversation import parameter_message
 
 
 @pytest.fixture
@@ -84,8 +83,7 @@ def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
 
 
 def test_a_node_that_nobody_spins_is_said(fed, monkeypatch):
-    monkeypatch.setattr(session, "ANSWER_WITHIN", 0.5)
-    monkeypatch.setattr(session, "LEFT_WITHIN", 0.5)
+    monkeypatch.setattr(conversation, "ANSWER_WITHIN", 0.5)
     node = Node("forgotten")
     try:
         planner = PlacementClient(node)
@@ -101,13 +99,6 @@ def test_a_planner_in_a_namespace_is_named(ros):
     name = "/cell/placement_planner"
     with PlacementClient(planner=name) as planner, pytest.raises(PlacementError, match=name):
         planner.place({}, 0.1)
-
-
-def test_asyncio_is_asked_for_where_it_is_missing(ros):
-    with AsyncPlacementClient() as planner:
-        begun = planner.clear_environment()
-        with pytest.raises(RuntimeError, match="MultiThreadedExecutor"):
-            begun.send(None)
 
 
 @pytest.mark.parametrize("closing", ["", "planner.close(); planner.close()"])
@@ -162,7 +153,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
     b = bench(warm=False)
     with PlacementClient() as planner:
         b.wait(lambda: planner.status is not None)
-        b.wait(lambda: planner._conversation._calls.offered("start_with"))
+        b.wait(lambda: planner._talk.offered("start_with"))
         with pytest.raises(PlacementError) as raised:
             planner.wait_until_ready(0.3)
         assert raised.value.code == "NOT_READY"

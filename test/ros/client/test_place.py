@@ -11,8 +11,13 @@ import trimesh
 from helpers.fakes import FRAME
 from helpers.searches import Doing, ended, found, searching, service_of
 
-from placement_planner_ros.client import PlacementClient, PlacementError, session
-from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.client import (
+    PlacementClient,
+    PlacementError,
+    conversation,
+    placement_client,
+)
+from placement_planner_ros.ros.inputs import object_input
 from placement_planner_ros.ros.run import worker
 
 # --- what comes of it
@@ -154,7 +159,7 @@ def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkey
     searching(fed)
     fed.wait(lambda: planner.status.state == "searching")
     fed.node._reporter._closed = True
-    monkeypatch.setattr(session, "SILENT_FOR", 1.0)
+    monkeypatch.setattr(conversation, "SILENT_FOR", 1.0)
     assert placing.error.code == "NO_ANSWER"
     assert "no status of run" in placing.error.words
     with pytest.raises(PlacementError, match="status has not come"):
@@ -187,7 +192,7 @@ def test_what_until_raises_stops_the_run(fed, planner):
 def later(monkeypatch, seconds):
     """Have the client take it to be later than it is."""
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + seconds)
-    monkeypatch.setattr(session, "time", clock)
+    monkeypatch.setattr(placement_client, "time", clock)
 
 
 def refuse(solution):
@@ -206,13 +211,13 @@ def test_a_robot_that_comes_to_rest_is_waited_for(fed, planner, answers):
 
 
 def test_what_is_being_read_is_waited_for(fed, planner, answers, monkeypatch):
-    gate, from_mesh = threading.Event(), Body.from_mesh
+    gate, solids = threading.Event(), object_input.object_solids
 
-    def slow(*args, **options):
+    def slow(body):  # made of every body, also of one that was kept on disk
         gate.wait(60.0)
-        return from_mesh(*args, **options)
+        return solids(body)
 
-    monkeypatch.setattr(Body, "from_mesh", slow)
+    monkeypatch.setattr(object_input, "object_solids", slow)
     box = trimesh.creation.box((0.021, 0.071, 0.094))
     own = {"object.vertices": box.vertices.ravel(), "object.triangles": box.faces.ravel()}
     placing = Doing(lambda: planner.place(own, 60.0, until=lambda s: True))

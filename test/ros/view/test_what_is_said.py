@@ -124,14 +124,12 @@ def test_that_the_object_stands_is_not_said_of_one_placement_as_the_node_names_t
         ({"standing": True}, "placed by earlier runs"),
         ({"ghost": True}, "ghost"),
         ({"obstacles": True}, "what counts as obstacle"),
-        ({"heat": (0.1, 0.25)}, "0.250 best"),
     ],
 )
 def test_the_legend_names_what_is_drawn_and_nothing_else(given, words_of_it):
-    nothing = {"heat": None, "earlier": False, "standing": False, "ghost": False}
+    nothing = {"earlier": False, "standing": False, "ghost": False}
     plain = charts.colour_legend(**nothing, obstacles=False)
     assert words_of_it not in plain
-    assert "plain blue" in plain
+    assert "surfaces in V" in plain
     drawn = charts.colour_legend(**{**nothing, "obstacles": False, **given})
     assert words_of_it in drawn
-    assert ("plain blue" in drawn) == ("heat" not in given)
