@@ -38,7 +38,7 @@ ORDER = [
     "core.swept",
     # what placing adds
     "core.problem",
-    "core.stability",
+    "core.contacts",
     "core.constraints",
     "core.grasp",
     # the paper's verbs

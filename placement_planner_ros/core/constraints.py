@@ -3,43 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.contacts.contact_class import ContactClass
+from placement_planner_ros.core.contacts.face import FaceContact
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.stability.by_polygon import PolygonSupport
-from placement_planner_ros.core.stability.by_vertices import VertexSupport
-from placement_planner_ros.core.stability.support_settings import SupportSettings
-from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
+from placement_planner_ros.core.search.hierarchy import Ranges
+from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdict
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
 
 REQUIRED = "require_terms"
 """How a rule's name begins that a term breaks."""
-
-
-def placement_pose(
-    face: PlacementFace, contact: Array, angle: float, slope: Slope = LEVEL
-) -> pin.SE3:
-    """T(R_n R_z(θ), (x, y, z_r)) · fT_o, a pose of Ŝ(r, f); on a level region R_n is the identity.
-
-    Args:
-        contact: (3,) position of the face's reference point.
-        angle: θ, rad.
-        slope: of the region, along whose normal R_n turns the object.
-    """
-    cos, sin = math.cos(angle), math.sin(angle)
-    rotation = upright(slope) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return pin.SE3(rotation, np.asarray(contact)) * face.T_face_object
 
 
 class PoseConstraints:
@@ -56,8 +41,9 @@ class PoseConstraints:
     Attributes:
         problem: the same; with support by polygon, the foot of the centre of mass is the reference
             point of the body's faces.
-        regions: where these are placed.
-        support: s(x) by that rule.
+        regions: where features of the object are placed.
+        faces: the contact class of these.
+        contacts: all contact classes, as one: what its features are is told by their numbers.
         turns: the rules about how the object is turned; None where there are none.
         required: the same, or None.
     """
@@ -71,63 +57,62 @@ class PoseConstraints:
         turns: TurnSettings | None = None,
         required: Requirements | None = None,
     ) -> None:
-        rule = PolygonSupport if footing.support == "polygon" else VertexSupport
-        self.support: PolygonSupport | VertexSupport = rule(problem, footing)
-        body, environment = replace(problem.body, faces=self.support.faces), problem.environment
-        self.problem = replace(problem, body=body)
+        self.turns = None
+        if turns is not None and turns.asks:
+            self.turns = Turns(turns, problem.body.faces)
+        self.faces = FaceContact(problem, footing, collision, self.turns)
+        self.contacts: ContactClass = self.faces
+        self._body = replace(problem.body, faces=self.faces.faces)
+        self.problem = replace(problem, body=self._body)
         self.footing = footing
-        self._body = body
         self._volume = problem.volume
-        overhangs = footing.support == "polygon"
-        self._collision = ObjectCollision(
-            body, environment.obstacles, collision, overhangs=overhangs
-        )
         self._raise_height = raise_height
         self.required = required
-        self._keep_out = environment.keep_out
-        self._somewhere = np.array([part.vertices[0] for part in body.parts])
-        self.turns = Turns(turns, body.faces) if turns is not None and turns.asks else None
-        self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
+        self._keep_out = problem.environment.keep_out
+        self._somewhere = np.array([part.vertices[0] for part in self._body.parts])
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Where the reference points of the faces are placed."""
-        return self.support.regions
+        """Where the reference points of the object's features are placed."""
+        return self.contacts.regions
+
+    @property
+    def ranges(self) -> Callable[[int, Region], Ranges] | None:
+        """In which angles a feature may be placed on a region; None where each may in all."""
+        plain = self.contacts is self.faces and self.turns is None
+        return None if plain else self.contacts.ranges
 
     def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
         """Whether the reference contact point lies in V, and horizontally the centre of mass."""
-        reference = T_world_object.act(self._body.faces[face].reference)
+        reference = T_world_object.act(self.contacts.references[face])
         center = T_world_object.act(self._body.center_of_mass)
         center[2] = reference[2]
         return bool(self._volume.contains(np.array([reference, center])).all())
 
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
-        """s(x): the object stands, by the rule of its footing; of many poses: `verdicts`."""
+        """s(x): the object stays where it is put; of many poses: `verdicts`."""
         T = T_world_object.homogeneous[None]
-        return bool(self.support.stable(T, np.array([face]), slope)[0])
+        return bool(self.contacts.stable(T, np.array([face]), slope)[0])
 
     def free(
-        self,
-        T_world_object: pin.SE3,
-        contact_height: float,
-        raise_height: float | None = None,
-        slope: Slope = LEVEL,
+        self, T_world_object: pin.SE3, contact: Contact, raise_height: float | None = None
     ) -> bool:
-        """c_f(x), on the whole way straight down from `raise_height` above; of many: `verdicts`."""
-        height = self._raise_height if raise_height is None else raise_height
-        if len(self._keep_out) and self._in_a_box(T_world_object.homogeneous[None])[0]:
+        """c_f(x), on the whole straight way there, `raise_height` long; of many: `verdicts`."""
+        length = self._raise_height if raise_height is None else raise_height
+        T, feature = T_world_object.homogeneous[None], np.array([contact.feature])
+        if len(self._keep_out) and self._in_a_box(T)[0]:
             return False
-        return self._collision.free(T_world_object.homogeneous, contact_height, height, slope)
+        return bool(
+            self.contacts.free(T, feature, np.array([contact.height]), length, contact.slope)[0]
+        )
 
-    def verdict(
-        self, T_world_object: pin.SE3, face: int, contact_height: float, slope: Slope = LEVEL
-    ) -> Verdict:
+    def verdict(self, T_world_object: pin.SE3, contact: Contact) -> Verdict:
         """The first constraint that fails, or FEASIBLE."""
-        if not self.in_volume(T_world_object, face):
+        if not self.in_volume(T_world_object, contact.feature):
             return Verdict.OUTSIDE_VOLUME
-        if not self.stable(T_world_object, face, slope):
+        if not self.stable(T_world_object, contact.feature, contact.slope):
             return Verdict.UNSTABLE
-        if not self.free(T_world_object, contact_height, slope=slope):
+        if not self.free(T_world_object, contact):
             return Verdict.COLLIDING
         return Verdict.FEASIBLE if self.kept(T_world_object) else Verdict.BREAKS_RULE
 
@@ -169,11 +154,11 @@ class PoseConstraints:
         slopes: Array | None = None,
         lacking: Array | None = None,
     ) -> tuple[npt.NDArray[np.int64], Array]:
-        """`placement_pose` and `verdict` of many poses at once.
+        """Poses with these reference points, and `verdict` of each.
 
         Args:
-            faces: (n,) indices.
-            contacts: (n, 3) positions of the faces' reference points.
+            faces: (n,) features.
+            contacts: (n, 3) positions of their reference points.
             angles: (n,) θ, rad.
             slopes: (n, 2) of the planes that they stand on; level unless given.
             lacking: (n,) of zeros, to be told by how much those that break a rule do so, see
@@ -182,16 +167,8 @@ class PoseConstraints:
         Returns:
             (n,) verdicts and (n, 4, 4) poses T_world_object.
         """
-        turned = np.zeros((len(faces), 4, 4))
-        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angles)
-        turned[:, 1, 0] = np.sin(angles)
-        turned[:, 0, 1] = -turned[:, 1, 0]
-        turned[:, 2, 2] = turned[:, 3, 3] = 1.0
-        turned[:, :3, 3] = contacts
         sloping = slopes is not None and bool(slopes.any())
-        if slopes is not None and sloping:
-            turned[:, :3, :3] = upright(slopes) @ turned[:, :3, :3]
-        T = turned @ self._T_face_object[faces]
+        T = self.contacts.poses(faces, contacts, angles, slopes)
         centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
         centers[:, 2] = contacts[:, 2]
         inside = self._volume.contains(contacts) & self._volume.contains(centers)
@@ -224,10 +201,11 @@ class PoseConstraints:
             heights: (n,) z of their contact planes at x = y = 0, metres.
         """
         result[rows] = Verdict.UNSTABLE
-        stable = rows[self.support.stable(T[rows], faces[rows], slope)]
+        stable = rows[self.contacts.stable(T[rows], faces[rows], slope)]
         if len(stable):
             result[stable] = Verdict.COLLIDING
-            free = self._collision.free_at(T[stable], heights[stable], self._raise_height, slope)
+            of_stable = T[stable], faces[stable], heights[stable]
+            free = self.contacts.free(*of_stable, self._raise_height, slope)
             if len(self._keep_out):
                 free &= ~self._in_a_box(T[stable])
             result[stable[free]] = Verdict.FEASIBLE

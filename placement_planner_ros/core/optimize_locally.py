@@ -70,7 +70,9 @@ class LocalOptimizer:
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
-        x, q = moved_pose(goal.T_world_object, change, goal.slope), None
+        x, q = self._poses.contacts.moved(goal.T_world_object, goal.contact, change), None
+        if x is None:
+            return None
         if holding.any_turn is not None:
             given = self._as_the_arm_can(goal, holding.any_turn, change)
             if given is None:
@@ -79,13 +81,13 @@ class LocalOptimizer:
         value = evaluate_objective(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
-        verdict = self._poses.verdict(x, goal.face, goal.contact_height, goal.slope)
+        verdict = self._poses.verdict(x, goal.contact)
         if verdict is not Verdict.FEASIBLE:
             return None
         q = self._step(goal, holding, x, change) if q is None else q
         if q is None:
             return None
-        motion = holding.placing_motion(q, x, goal.contact_height, self._poses, goal.slope)
+        motion = holding.placing_motion(q, x, goal.contact, self._poses)
         if isinstance(motion, Verdict):
             return None
         if not holding.transit_free(goal.q_raised, motion.approach[0]):
@@ -105,8 +107,8 @@ class LocalOptimizer:
         radius = self._settings.turn_radius
         possible = any_turn.nearest_change(goal.q, change, radius, goal.slope)
         x = moved_pose(goal.T_world_object, possible, goal.slope)
-        face = self._poses.problem.body.faces[goal.face]
-        return any_turn.follow(x, face.T_face_object, goal.q)
+        T_face_object = self._poses.contacts.frames[goal.face]
+        return None if T_face_object is None else any_turn.follow(x, T_face_object, goal.q)
 
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""

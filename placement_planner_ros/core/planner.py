@@ -14,6 +14,11 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.support_settings import (
+    SUPPORTS,
+    SupportName,
+    SupportSettings,
+)
 from placement_planner_ros.core.explanation.constraint_table import refused_in_short
 from placement_planner_ros.core.explanation.explain import explain_search
 from placement_planner_ros.core.explanation.explanation import Explanation
@@ -51,11 +56,6 @@ from placement_planner_ros.core.search.pruning import Cause, Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.stability.support_settings import (
-    SUPPORTS,
-    SupportName,
-    SupportSettings,
-)
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import (
@@ -270,10 +270,10 @@ class PlacementPlanner:
         )
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
-            len(problem.body.faces),
+            len(poses.contacts.references),
             poses.regions,
             settings.hierarchy,
-            None if poses.turns is None else poses.turns.ranges,
+            poses.ranges,
         )
         self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")

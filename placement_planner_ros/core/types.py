@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +41,16 @@ def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) ->
 Slope = tuple[float, float]
 """∂z/∂x and ∂z/∂y of a plane."""
 LEVEL: Slope = (0.0, 0.0)
+
+
+class Contact(NamedTuple):
+    """What an object rests with, and on which plane."""
+
+    feature: int
+    """Of the object, mostly a placement face (`contacts.ContactClass`)."""
+    height: float
+    """z of the plane at x = y = 0, metres."""
+    slope: Slope = LEVEL
 
 
 def upright(slope: npt.ArrayLike) -> Array:
@@ -210,7 +221,7 @@ class Goal:
     Attributes:
         arm: name of the arm a.
         grasp: index into the arm's grasps.
-        face: index into the body's placement faces.
+        face: index into the body's placement faces, or beyond these of other features.
         T_world_object: x, the placement pose.
         contact_height: z of the contact plane, where it slopes at x = y = 0.
         approach: (k, dof) joint waypoints from the raised pre-placement to contact; the last is q.
@@ -218,6 +229,8 @@ class Goal:
         retreat: (m, dof) joint waypoints of the open hand from q away from the object; None where
             release or retreat could not be certified.
         slope: of the contact plane; the object stands along its normal.
+        opening: (3,) direction of the way back from contact to the raised pre-placement.
+        rests_on: the contact class, and what the object leans on, in words.
     """
 
     arm: str
@@ -229,11 +242,18 @@ class Goal:
     objective: float
     retreat: Array | None = None
     slope: Slope = LEVEL
+    opening: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    rests_on: tuple[str, str] = ("face", "")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "approach", frozen_array(self.approach, (-1, -1)))
         if self.retreat is not None:
             object.__setattr__(self, "retreat", frozen_array(self.retreat, (-1, -1)))
+
+    @property
+    def contact(self) -> Contact:
+        """What the object rests with, and on which plane."""
+        return Contact(self.face, self.contact_height, self.slope)
 
     @property
     def q(self) -> Array:

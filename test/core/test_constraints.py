@@ -8,12 +8,12 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.contacts.by_vertices import stays_standing
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.stability.by_vertices import stays_standing
-from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
+from placement_planner_ros.core.types import LEVEL, Contact, TargetVolume, Verdict, upright
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 EDGE, HEIGHT = 0.4, 0.0
@@ -63,12 +63,12 @@ def test_the_contact_point_lies_in_v_and_the_centre_of_mass_over_or_under_it(pro
         low, high = np.minimum(contact, center) - 1e-3, np.maximum(contact, center) + 1e-3
         low[2], high[2] = HEIGHT - 1e-3, HEIGHT + 1e-3  # below the centre of mass
         inside = replace(problem, volume=TargetVolume(low, high))
-        assert constraints(inside).verdict(T, face, HEIGHT) is Verdict.FEASIBLE
+        assert constraints(inside).verdict(T, Contact(face, HEIGHT)) is Verdict.FEASIBLE
         for axis in np.flatnonzero(np.abs(center - contact)[:2] > 5e-3):
             short = low.copy(), high.copy()
             short[int(center[axis] > contact[axis])][axis] = (center[axis] + contact[axis]) / 2.0
             beside = replace(problem, volume=TargetVolume(*short))
-            assert constraints(beside).verdict(T, face, HEIGHT) is Verdict.OUTSIDE_VOLUME
+            assert constraints(beside).verdict(T, Contact(face, HEIGHT)) is Verdict.OUTSIDE_VOLUME
 
 
 def test_contact_point_and_centre_of_mass_may_lie_in_different_boxes(problem):
@@ -85,9 +85,9 @@ def test_contact_point_and_centre_of_mass_may_lie_in_different_boxes(problem):
         center = np.append(T.act(problem.body.center_of_mass)[:2], HEIGHT)
         at = [((p >= lower) & (p <= upper)).all(axis=1) for p in (contact, center)]
         outside = not (at[0].any() and at[1].any())
-        found = several.verdict(T, face, HEIGHT)
+        found = several.verdict(T, Contact(face, HEIGHT))
         assert (found is Verdict.OUTSIDE_VOLUME) == outside
-        assert outside or found is poses.verdict(T, face, HEIGHT)
+        assert outside or found is poses.verdict(T, Contact(face, HEIGHT))
         seen.add((outside, bool((at[0] & at[1]).any())))
     assert {(True, False), (False, True), (False, False)} <= seen
 
@@ -130,10 +130,10 @@ def test_the_way_down_is_free_from_the_height_that_is_asked_about(problem):
     for raised in (0.01, 0.03, 0.06):
         approach = ApproachSettings(approach_minimum=raised, approach_distance=0.1)
         poses = constraints(changed, approach=approach)
-        assert poses.free(pose, HEIGHT, 0.03)
-        assert not poses.free(pose, HEIGHT, 0.06)
+        assert poses.free(pose, Contact(0, HEIGHT), 0.03)
+        assert not poses.free(pose, Contact(0, HEIGHT), 0.06)
         free = raised < 0.045
-        assert poses.free(pose, HEIGHT) == free
+        assert poses.free(pose, Contact(0, HEIGHT)) == free
         verdicts, _ = poses.verdicts(np.zeros(1, int), contact[None], np.zeros(1))
         assert verdicts[0] == (Verdict.FEASIBLE if free else Verdict.COLLIDING)
 

@@ -13,7 +13,7 @@ from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from benchmarks.record import save_solution
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -24,7 +24,7 @@ from placement_planner_ros.core.search.optimistic import OptimisticSampler
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.types import Contact, TargetVolume, Verdict
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
@@ -280,7 +280,7 @@ def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draw
         face = int(draws.face[k])
         x = placement_pose(problem.body.faces[face], draws.contact[k], float(draws.angle[k]))
         assert np.allclose(x.homogeneous, T[k], atol=1e-12)
-        assert finder._poses.verdict(x, face, draws.contact[k, 2]) == verdicts[k]
+        assert finder._poses.verdict(x, Contact(face, draws.contact[k, 2])) == verdicts[k]
 
 
 def test_it_stops_between_the_poses_of_a_batch():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
@@ -13,7 +14,6 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
-from placement_planner_ros.core.stability.support_settings import SupportSettings
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)

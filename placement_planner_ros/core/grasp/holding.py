@@ -17,14 +17,19 @@ from placement_planner_ros.core.grasp.free_yaw_ik import FIRST_SEEDS, FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.straight_down import greatest_stray, stray_at
+from placement_planner_ros.core.grasp.straight_down import (
+    UP,
+    StraightLines,
+    greatest_stray,
+    stray_at,
+)
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import lacks_directions
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
+from placement_planner_ros.core.types import Array, Contact, Verdict
 
 _HAND_SLACK_M = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
@@ -39,12 +44,14 @@ class PlacingMotion:
     """What the arm does at a placement, up to timing.
 
     Attributes:
-        approach: (k, dof) from the raised pre-placement straight down to contact.
+        approach: (k, dof) from the raised pre-placement straight to contact.
         retreat: (m, dof) from contact straight away with the hand open; None without.
+        opening: (3,) unit direction of the way back from contact to the raised pre-placement.
     """
 
     approach: Array
     retreat: Array | None
+    opening: tuple[float, float, float]
 
 
 class Holding:
@@ -247,27 +254,27 @@ class Holding:
             return False
         return self.collision.edge_free(a, b, contact=contact, deviation=deviation)
 
-    def comes_straight_down(self, points: Array, T_world_object: pin.SE3) -> bool:
+    def comes_straight_down(
+        self, points: Array, T_world_object: pin.SE3, opening: Array = UP
+    ) -> bool:
         """Whether on all of a curve the object is within `approach_stray` of where c_f(x) swept it.
 
         Args:
             points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
+            opening: (3,) unit direction of the way back from rest.
         """
-        return greatest_stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
+        lines = self._lines(T_world_object, opening)
+        return greatest_stray(self.chain, points, lines) <= self._stray
 
-    def _lines(self, T_world_object: pin.SE3) -> tuple[Array, Array]:
-        """(8, 3) what is to come straight down, in the frame of the tip, and where to."""
+    def _lines(self, T_world_object: pin.SE3, opening: Array) -> StraightLines:
+        """The lines on which the corners of the object's box come to rest."""
         T_tip_object = self.arm.grasps[self.grasp]
         held = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
-        return held, self._corners @ T_world_object.rotation.T + T_world_object.translation
+        placed = self._corners @ T_world_object.rotation.T + T_world_object.translation
+        return StraightLines(held, placed, opening)
 
     def placing_motion(
-        self,
-        q: Array,
-        T_world_object: pin.SE3,
-        contact_height: float,
-        poses: PoseConstraints,
-        slope: Slope = LEVEL,
+        self, q: Array, T_world_object: pin.SE3, contact: Contact, poses: PoseConstraints
     ) -> PlacingMotion | Verdict:
         """Contact, release, approach and retreat at `q` (dof,) with O(q) = x, cheap checks first.
 
@@ -281,24 +288,26 @@ class Holding:
         if self.require_retreat and not released:
             return Verdict.NO_RELEASE
         # The way down, then the way back.
-        approach = self._approach(q, T_world_object, contact_height, poses, slope)
+        opening = poses.contacts.opening(contact.feature)
+        approach = self._approach(q, T_world_object, contact, poses, opening)
         if approach is None:
             return Verdict.NO_APPROACH
         retreat = self.open_hand.retreat(q, self.grasp, T_world_object) if released else None
         if self.require_retreat and retreat is None:
             return Verdict.NO_RETREAT
-        return PlacingMotion(approach, retreat)
+        x, y, z = opening.tolist()
+        return PlacingMotion(approach, retreat, (x, y, z))
 
     def _approach(
         self,
         q: Array,
         T_world_object: pin.SE3,
-        contact_height: float,
+        contact: Contact,
         poses: PoseConstraints,
-        slope: Slope = LEVEL,
+        opening: Array,
     ) -> Array | None:
-        """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
-        room; None where even the least height is blocked."""
+        """(k, dof) the straight way to `q`, raised pre-placement first, as long as there is room;
+        None where even the least length is blocked."""
         settings = self._settings
         # Heights of the waypoints, the least one among them.
         steps = max(1, round(settings.approach_distance / settings.approach_step))
@@ -306,13 +315,14 @@ class Holding:
         heights = np.unique(np.append(heights, settings.approach_minimum))
         upward = [q]
         raised: list[Array] = []
+        lines = self._lines(T_world_object, opening)
         below = 0.0
         for height in heights.tolist():
             # Up to that height the object is free.
-            if not poses.free(T_world_object, contact_height, height + self._stray, slope):
+            if not poses.free(T_world_object, contact, height + self._stray):
                 break
             # The arm follows, and is free where the way may begin.
-            way = self._straight_up(upward[-1], T_world_object, below, height)
+            way = self._straight_way(upward[-1], T_world_object, lines, (below, height))
             if way is None:
                 break
             upward += way
@@ -322,36 +332,41 @@ class Holding:
                 raised = list(upward)
         return np.array(raised[::-1]) if raised else None
 
-    def _straight_up(
+    def _straight_way(
         self,
         q: Array,
         T_world_object: pin.SE3,
-        below: float,
-        height: float,
+        lines: StraightLines,
+        ends: tuple[float, float],
         halvings: int = _STEP_HALVINGS,
     ) -> list[Array] | None:
-        """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
+        """Waypoints (dof,) after `q` from one length of the way to another, their edges free.
 
         Steps on which the object would leave its line, or lean, are halved; None where that does
         not help.
+
+        Args:
+            ends: metres from contact; `q` is at the first.
         """
         # The next waypoint.
+        below, height = ends
         above = pin.SE3(T_world_object)
-        above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
+        above.translation = T_world_object.translation + height * lines.direction
         q_next = self.follow(above, q)
         if q_next is None:
             return None
         # How far the object leaves its line between both, and whether it leans.
         chord = np.linspace(q_next, q, 5)
-        strays = stray_at(self.chain, chord, *self._lines(T_world_object))
+        strays = stray_at(self.chain, chord, lines)
         if strays <= _PLANNED_STRAY_SHARE * self._stray and self._keeps_tilt(q, q_next):
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:
             return None
         middle = 0.5 * (below + height)
-        lower = self._straight_up(q, T_world_object, below, middle, halvings - 1)
+        lower = self._straight_way(q, T_world_object, lines, (below, middle), halvings - 1)
         if lower is None:
             return None
-        upper = self._straight_up(lower[-1], T_world_object, middle, height, halvings - 1)
+        rest = middle, height
+        upper = self._straight_way(lower[-1], T_world_object, lines, rest, halvings - 1)
         return None if upper is None else lower + upper

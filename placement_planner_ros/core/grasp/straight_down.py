@@ -1,8 +1,9 @@
-"""Deviation of the held object from the vertical line above its placement."""
+"""Deviation of the held object from the straight line on which it comes to its placement."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,27 +16,39 @@ _CHORD_DEVIATION_M = 1e-5
 _BINOMIALS = np.array([math.comb(5, k) for k in range(6)])
 
 
-def stray_at(chain: Chain, Q: Array, vertices: Array, placed: Array) -> float:
-    """How far, at Q (k, dof), vertices are from the lines straight up from where they are placed.
+UP = np.array([0.0, 0.0, 1.0])
 
-    Args:
-        vertices: (n, 3) in the frame of the tip.
-        placed: (n, 3) where they are placed, world. Each line ends as high above as the lowest of
-            the vertices is at Q[0].
+
+class StraightLines(NamedTuple):
+    """Lines on which vertices of the held object come to where they are placed."""
+
+    vertices: Array
+    """(n, 3) in the frame of the tip, metres."""
+    placed: Array
+    """(n, 3) where they are placed, in the world."""
+    direction: Array = UP
+    """(3,) unit, of the way back."""
+
+
+def stray_at(chain: Chain, Q: Array, lines: StraightLines) -> float:
+    """How far, at Q (k, dof), vertices are from their lines.
+
+    Each line is as long as the vertex that has gone least far on its own at Q[0] has gone.
 
     Returns:
         the furthest, metres.
     """
     # The vertices at every configuration, from where they are placed.
     T = chain.forward_batch(Q)
-    away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
-    # What is left beside the vertical line up to its end.
-    height = max(float(away[0, :, 2].min()), 0.0)
-    away[..., 2] -= np.clip(away[..., 2], 0.0, height)
+    away = lines.vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - lines.placed
+    # What is left beside the line up to its end.
+    gone = away @ lines.direction
+    length = max(float(gone[0].min()), 0.0)
+    away -= np.clip(gone, 0.0, length)[..., None] * lines.direction
     return math.sqrt(float(np.square(away).sum(axis=-1).max()))
 
 
-def greatest_stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
+def greatest_stray(chain: Chain, points: Array, lines: StraightLines) -> float:
     """`stray_at` at most on a whole curve.
 
     The curve is sampled, and between samples a point differs from their chord by at most
@@ -46,13 +59,12 @@ def greatest_stray(chain: Chain, points: Array, vertices: Array, placed: Array) 
 
     Args:
         points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
-        vertices, placed: as for `stray_at`.
 
     Returns:
         metres, `_CHORD_DEVIATION_M` above the furthest that is reached at most.
     """
     # Bounds of the joints' first and second derivatives over each piece.
-    reach = lever_arms(chain, vertices)
+    reach = lever_arms(chain, lines.vertices)
     joints = np.arange(chain.dof)
     first = 5.0 * np.abs(np.diff(points, axis=1)).max(axis=1)
     second = 20.0 * np.abs(np.diff(points, 2, axis=1)).max(axis=1)
@@ -61,7 +73,7 @@ def greatest_stray(chain: Chain, points: Array, vertices: Array, placed: Array) 
     bend = second @ reach + np.einsum("mi,ij,mj->m", first, outer, first)
     counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _CHORD_DEVIATION_M))), 1.0).astype(np.int64)
     Q = [_bezier_samples(piece, count) for piece, count in zip(points, counts, strict=True)]
-    return stray_at(chain, np.vstack(Q), vertices, placed) + _CHORD_DEVIATION_M
+    return stray_at(chain, np.vstack(Q), lines) + _CHORD_DEVIATION_M
 
 
 def _bezier_samples(points: Array, count: int) -> Array:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.estimates import LearnedEstimates
 from placement_planner_ros.core.objective.objective import (
@@ -21,19 +21,17 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
-from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
+from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
 _TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
 
 class Wanted(NamedTuple):
-    """A pose x to be reached: of face f, on a contact plane of that height and slope, with ξ(x)."""
+    """A pose x to be reached, what it rests with and on, and ξ(x)."""
 
-    face: int
+    contact: Contact
     x: pin.SE3
-    contact_height: float
-    slope: Slope
     value: float
 
 
@@ -58,10 +56,9 @@ class GoalFinder:
         ik_seeds: int,
         rng: np.random.Generator,
     ) -> None:
-        self._body = poses.problem.body
         self._poses = poses
         self.holdings = tuple(holding for of_arm in holdings for holding in of_arm)
-        self.rejections = Rejections(len(self.holdings), len(self._body.faces))
+        self.rejections = Rejections(len(self.holdings), len(poses.contacts.references))
         ends = np.cumsum([len(of_arm) for of_arm in holdings])
         self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
         self._objective = objective
@@ -143,10 +140,10 @@ class GoalFinder:
             if should_stop():
                 break
             # Every check, whatever the others say.
-            face, contact = int(draws.face[row]), draws.contact[row]
-            height, slope = _contact_plane(draws, row)
-            x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]), slope)
-            verdict = self._poses.verdict(x, face, height, slope)
+            contact, one = _contact_of(draws, row), slice(row, row + 1)
+            drawn = draws.face[one], draws.contact[one], draws.angle[one], draws.slope[one]
+            x = pin.SE3(self._poses.contacts.poses(*drawn)[0])
+            verdict = self._poses.verdict(x, contact)
             value = evaluate_objective(self._objective, x)
             goal = self._reach_any(
                 draws,
@@ -160,8 +157,8 @@ class GoalFinder:
             )
             reached = goal is not Verdict.NO_IK
             arm_free = isinstance(goal, Goal) or goal > Verdict.ARM_COLLIDING
-            stable = self._poses.stable(x, face, slope)
-            free = self._poses.free(x, height, slope=slope)
+            stable = self._poses.stable(x, contact.feature, contact.slope)
+            free = self._poses.free(x, contact)
             # The first that fails gives the verdict.
             if verdict is Verdict.FEASIBLE and not value > best:
                 verdict = Verdict.NOT_BETTER
@@ -191,7 +188,7 @@ class GoalFinder:
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         # The arm and grasp that were drawn, or all in random order.
-        wanted = Wanted(int(draws.face[row]), x, *_contact_plane(draws, row), value)
+        wanted = Wanted(_contact_of(draws, row), x, value)
         if draws.arm[row] >= 0:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
@@ -199,13 +196,14 @@ class GoalFinder:
         furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
             for tried, goal in self._tries(self.holdings[k], wanted, best, hand_first):
+                feature, height, slope = tried.contact
                 if not isinstance(goal, Verdict):
-                    self.rejections.tries[k, tried.face, Verdict.FEASIBLE] += 1
+                    self.rejections.tries[k, feature, Verdict.FEASIBLE] += 1
                     return goal
-                self.rejections.tries[k, tried.face, goal] += 1
+                self.rejections.tries[k, feature, goal] += 1
                 if remembering:
                     self.rejections.poses[goal].append(
-                        RejectedPose(tried.face, tried.x, tried.contact_height, k, tried.slope)
+                        RejectedPose(feature, tried.x, height, k, slope)
                     )
                 furthest = max(furthest, goal)
             if should_stop():
@@ -222,7 +220,10 @@ class GoalFinder:
             yield wanted, self._reach_goal(holding, wanted, hand_first)
             return
         # Places for the others, with the turns that the arm can give.
-        T_face_object = self._body.faces[wanted.face].T_face_object
+        T_face_object = self._poses.contacts.frames[wanted.contact.feature]
+        if T_face_object is None:
+            yield wanted, Verdict.NO_IK
+            return
         places = holding.any_turn.placed(
             wanted.x,
             T_face_object,
@@ -246,7 +247,7 @@ class GoalFinder:
 
     def _judged(self, pose: Wanted, best: float) -> tuple[Wanted, Verdict]:
         """A pose that was not drawn: the same with its ξ, and the first check that it fails."""
-        verdict = self._poses.verdict(pose.x, pose.face, pose.contact_height, pose.slope)
+        verdict = self._poses.verdict(pose.x, pose.contact)
         if verdict is not Verdict.FEASIBLE:
             return pose, verdict
         pose = pose._replace(value=evaluate_objective(self._objective, pose.x))
@@ -261,20 +262,21 @@ class GoalFinder:
         # One configuration after the other, up to a few.
         furthest, attempts = Verdict.ARM_COLLIDING, 0
         for q in Q:
-            motion = holding.placing_motion(
-                q, wanted.x, wanted.contact_height, self._poses, wanted.slope
-            )
+            motion = holding.placing_motion(q, wanted.x, wanted.contact, self._poses)
             if not isinstance(motion, Verdict):
+                feature, height, slope = wanted.contact
                 return Goal(
                     holding.arm.name,
                     holding.grasp,
-                    wanted.face,
+                    feature,
                     wanted.x,
-                    wanted.contact_height,
+                    height,
                     motion.approach,
                     wanted.value,
                     motion.retreat,
-                    wanted.slope,
+                    slope,
+                    motion.opening,
+                    self._poses.contacts.rests_on(feature),
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE
@@ -283,7 +285,8 @@ class GoalFinder:
         return furthest
 
 
-def _contact_plane(draws: Draws, row: int) -> tuple[float, Slope]:
-    """z at x = y = 0 of the plane that a draw stands on, and its slope."""
+def _contact_of(draws: Draws, row: int) -> Contact:
+    """The feature of a draw, with z at x = y = 0 of the plane that it stands on and its slope."""
     (x, y, z), (along_x, along_y) = draws.contact[row].tolist(), draws.slope[row].tolist()
-    return z - (along_x * x + along_y * y), (along_x, along_y)
+    plane = z - (along_x * x + along_y * y), (along_x, along_y)
+    return Contact(int(draws.face[row]), *plane)

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.stability.by_polygon import PolygonSupport
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -39,8 +39,8 @@ class SupportBound:
         self._volume = poses.problem.volume
         self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
         self._centers = self._centers.reshape(-1, 1, 3)
-        if isinstance(poses.support, PolygonSupport):
-            self._rule: _Rule = _Polygon(poses.support, _Columns(poses, None))
+        if isinstance(poses.faces.support, PolygonSupport):
+            self._rule: _Rule = _Polygon(poses.faces.support, _Columns(poses, None))
         else:
             self._rule = _Vertices(poses, _Columns(poses, poses.footing.edge_margin))
 
@@ -129,8 +129,8 @@ class _Columns:
         self._shape = self._columns_of(volume.upper[:2] + size) + 1
         self._tables = {}
         # A table for each slope of a region.
-        for slope in {region.slope for region in poses.regions}:
-            heights = np.array([r.z for r in poses.regions if r.slope == slope])
+        for slope in {region.slope for region in poses.faces.regions}:
+            heights = np.array([r.z for r in poses.faces.regions if r.slope == slope])
             levels = np.unique(np.round(heights / _SAME_HEIGHT_M))
             tolerance = poses.footing.contact_tolerance
             of_levels = [

@@ -15,7 +15,7 @@ import numpy as np
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, Slope
+from placement_planner_ros.core.types import Array
 
 FULL_TURN = 2.0 * math.pi
 
@@ -72,7 +72,7 @@ class AfrHierarchy:
         grasps_per_arm: number of grasps of each arm.
         faces: number of placement faces |F|.
         regions: R.
-        turns: in which θ a face may be placed on a plane of a slope; in all unless given.
+        turns: in which θ a face may be placed on a region; in all unless given.
 
     Attributes:
         pose_sets: per face, the regions that it may be placed on and the ranges of θ there.
@@ -88,16 +88,16 @@ class AfrHierarchy:
         faces: int,
         regions: Sequence[Region],
         settings: HierarchySettings,
-        turns: Callable[[int, Slope], Ranges] | None = None,
+        turns: Callable[[int, Region], Ranges] | None = None,
     ) -> None:
         self.grasps_per_arm = tuple(grasps_per_arm)
         self.faces = faces
         self.regions = tuple(regions)
         self.settings = settings
         self.restricted = turns is not None
-        of = turns or (lambda face, slope: EVERY_TURN)
+        of = turns or (lambda face, region: EVERY_TURN)
         self.pose_sets = tuple(
-            tuple((r, *range_) for r in self.regions for range_ in of(face, r.slope))
+            tuple((r, *range_) for r in self.regions for range_ in of(face, r))
             for face in range(faces)
         )
         self.usable = tuple(face for face in range(faces) if self.pose_sets[face] or not regions)

@@ -159,7 +159,7 @@ class TrajectoryMaker:
         curve = control_points(
             approach.times, approach.positions, approach.velocities, approach.accelerations
         )
-        if not holding.comes_straight_down(curve, goal.T_world_object):
+        if not holding.comes_straight_down(curve, goal.T_world_object, np.array(goal.opening)):
             return None
         # The retreat, if there is one.
         retreat = None

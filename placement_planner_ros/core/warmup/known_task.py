@@ -22,6 +22,7 @@ from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
+from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext, objective_gradient
@@ -37,7 +38,6 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup.known_robot import START, known_robot

@@ -43,10 +43,11 @@ from benchmarks.record import (
 from benchmarks.spread import Workers, spread
 from benchmarks.yardstick.dense_search import YardstickJob, measure_yardstick
 from benchmarks.yardstick.placement_grid import GridResolution, grid_placements, region_grid
-from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.types import Contact, TargetVolume, Verdict
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
@@ -375,7 +376,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
                 for step in range(6):
                     x = placement_pose(face, contact, step * resolution.turn)
                     tried += 1
-                    if poses.verdict(x, index, contact[2]) is Verdict.FEASIBLE:
+                    if poses.verdict(x, Contact(index, contact[2])) is Verdict.FEASIBLE:
                         key = (index, *np.round([*contact, step * resolution.turn], 6).tolist())
                         passed[key] = objective(x)
     assert tried == found.tried

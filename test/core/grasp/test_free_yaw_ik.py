@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from helpers import few_joints
 
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.reach.ik import InverseKinematics

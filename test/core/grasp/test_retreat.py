@@ -156,7 +156,7 @@ def test_where_the_fingers_cannot_open_there_is_no_goal(planned, post):
     poses = planner.sampler._checker._poses
 
     def motion():
-        return holding.placing_motion(goal.q, goal.T_world_object, goal.contact_height, poses)
+        return holding.placing_motion(goal.q, goal.T_world_object, goal.contact, poses)
 
     assert motion().retreat is not None
     near = post + 0.002 * np.random.default_rng(0).uniform(-1, 1, (50, 3))

@@ -13,7 +13,7 @@ from scipy.interpolate import BPoly
 from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.grasp import straight_down
-from placement_planner_ros.core.grasp.straight_down import greatest_stray
+from placement_planner_ros.core.grasp.straight_down import StraightLines, greatest_stray
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
@@ -68,7 +68,7 @@ def test_the_bound_holds_and_is_tight(kind):
             vertices = rng.uniform(-0.1, 0.1, (7, 3))
             T = chain.forward(points[-1, -1])
             placed = vertices @ T[:3, :3].T + T[:3, 3]
-            bound = greatest_stray(chain, points, vertices, placed)
+            bound = greatest_stray(chain, points, StraightLines(vertices, placed))
             seen = sampled_stray(chain, points, vertices, placed)
             assert seen - 1e-9 <= bound <= seen + 3.0 * straight_down._CHORD_DEVIATION_M
 

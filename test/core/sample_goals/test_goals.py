@@ -7,13 +7,13 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import Contact, Verdict
 
 SAMPLES = 6000
 BLOCK = 64
@@ -150,8 +150,8 @@ def test_every_check_of_a_sample_is_made_for_the_authors_reward(made, checked):
         cheap = checked.verdicts[row]
         finder = planner.sampler._checker
         face, contact = int(few.face[row]), few.contact[row]
-        x = placement_pose(finder._body.faces[face], contact, float(few.angle[row]))
-        assert free == finder._poses.free(x, contact[2])
+        x = placement_pose(finder._poses.faces.faces[face], contact, float(few.angle[row]))
+        assert free == finder._poses.free(x, Contact(face, contact[2]))
         assert stable == finder._poses.stable(x, face)
         assert (verdict < Verdict.NOT_BETTER) == (cheap < Verdict.NOT_BETTER)
         if cheap < Verdict.NOT_BETTER:
@@ -166,7 +166,7 @@ def test_every_check_of_a_sample_is_made_for_the_authors_reward(made, checked):
         [
             planner.sampler._checker._objective(
                 placement_pose(
-                    planner.sampler._checker._body.faces[int(few.face[k])],
+                    planner.sampler._checker._poses.faces.faces[int(few.face[k])],
                     few.contact[k],
                     float(few.angle[k]),
                 )

@@ -7,7 +7,7 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells

@@ -109,7 +109,7 @@ def test_without_the_rule_the_checker_and_the_search_disagree(table):
     assert any("margin: object" in found for found in checker.check(Solution.of(placement, arm)))
     other = planner_of(table, tuple(box.ravel().tolist()))
     poses = other._search.poses
-    assert not poses.free(placement.T_world_object, placement.goal.contact_height)
+    assert not poses.free(placement.T_world_object, placement.goal.contact)
 
 
 def test_an_object_wholly_inside_a_box_is_not_free(table):
@@ -127,7 +127,7 @@ def test_an_object_wholly_inside_a_box_is_not_free(table):
         0.02,
     )
     goal = placement.goal
-    assert not other.free(placement.T_world_object, goal.contact_height)
+    assert not other.free(placement.T_world_object, goal.contact)
     angles, contacts = np.zeros(1), at[None]
     assert other.verdicts(np.array([goal.face]), contacts, angles)[0][0] != Verdict.FEASIBLE
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.types import Array, Slope
 
 _RISE_NOISES = 1.6

@@ -6,10 +6,11 @@ import trimesh
 from helpers.footholds import bare_problem
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.core.types import Contact, TargetVolume
 
 VOLUME = TargetVolume([0.4, -0.15, -0.02], [0.6, 0.15, 0.02])
 NOISE = 0.0012
@@ -40,7 +41,7 @@ def standing(support, around, heights, rng, count=400):
         at = np.array([rng.uniform(0.44, 0.56), rng.uniform(-0.1, 0.1), rng.choice(heights)])
         T = placement_pose(face, at, rng.uniform(0.0, 2.0 * np.pi))
         x = (face.vertices @ T.rotation.T + T.translation)[:, 0]
-        stands.append(poses.stable(T, down) and poses.free(T, at[2]))
+        stands.append(poses.stable(T, down) and poses.free(T, Contact(down, at[2])))
         ends.append((x.min(), x.max()))
     return np.array(stands), np.array(ends)
 

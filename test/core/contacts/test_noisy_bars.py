@@ -6,7 +6,8 @@ import trimesh
 from helpers.footholds import VOLUME, Block, bare_problem, spare
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.visibility import View

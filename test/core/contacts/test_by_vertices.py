@@ -6,9 +6,9 @@ import trimesh
 from helpers.footholds import pedestal, problem_on
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.contacts.by_vertices import VertexSupport
+from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE, coplanar_support
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.stability.by_vertices import VertexSupport
-from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE, coplanar_support
 from placement_planner_ros.core.types import LEVEL
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

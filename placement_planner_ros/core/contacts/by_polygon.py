@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.contact_points import contact_points
+from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
+from placement_planner_ros.core.contacts.protrusions import Protrusions
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE
-from placement_planner_ros.core.stability.protrusions import Protrusions
-from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import Array, Slope, upright
 
 _FILLED_SHARE = 0.5

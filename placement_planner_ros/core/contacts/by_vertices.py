@@ -7,12 +7,12 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.contact_points import touching_points
 from placement_planner_ros.core.body.stable_poses import GRAVITY, TIPPING_ENERGY
+from placement_planner_ros.core.contacts.coplanarity import coplanar_support
+from placement_planner_ros.core.contacts.protrusions import Protrusions
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.stability.coplanarity import coplanar_support
-from placement_planner_ros.core.stability.protrusions import Protrusions
-from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 

@@ -10,9 +10,10 @@ from helpers.footholds import Block, bare_problem, pedestal, problem_on, rack, s
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.contact_points import contact_points
-from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.by_polygon import TIPS
+from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.stability.by_polygon import TIPS
 from placement_planner_ros.core.types import upright
 
 POLYGON = PlannerSettings(support="polygon")

@@ -1,1 +1,0 @@
-"""s(x): by which rule an object stands where it is put."""
