@@ -38,8 +38,14 @@ class PlanarReach:
         assert np.allclose(q, goal, atol=1e-9), "the Jacobian step should predict the pose"
         return goal if goal[0] <= self.x_limit else None
 
-    def placing_motion(self, q, T, contact_height, poses, slope):
-        return PlacingMotion(np.array([q, q]), None)
+    def placing_motion(self, q, T, contact, poses):
+        return PlacingMotion(np.array([q, q]), None, (0.0, 0.0, 1.0))
+
+
+def free_where(verdict):
+    """Constraints of which the verdict is all that matters."""
+    moved = SimpleNamespace(moved=lambda T, contact, change: moved_pose(T, change))
+    return SimpleNamespace(verdict=verdict, contacts=moved)
 
 
 class Bowl:
@@ -51,7 +57,7 @@ class Bowl:
 
 
 def optimize(poses=None, holding=None, objective=None, should_stop=lambda: False, **settings):
-    poses = poses or SimpleNamespace(verdict=lambda T, face, z, slope: Verdict.FEASIBLE)
+    poses = poses or free_where(lambda T, contact: Verdict.FEASIBLE)
     objective = objective or Bowl()
     start = pin.SE3.Identity()
     goal = Goal("a", 0, 0, start, 0.0, np.zeros((2, 3)), objective(start))
@@ -76,10 +82,8 @@ def test_each_pose_of_the_slide_is_better_and_the_slide_ends_at_the_goal():
 
 
 def test_slides_along_a_wall_that_blocks_the_gradient():
-    poses = SimpleNamespace(
-        verdict=lambda T, face, z, slope: (
-            Verdict.FEASIBLE if T.translation[0] <= 0.1 else Verdict.COLLIDING
-        )
+    poses = free_where(
+        lambda T, contact: Verdict.FEASIBLE if T.translation[0] <= 0.1 else Verdict.COLLIDING
     )
     refined = optimize(poses=poses, max_steps=400, last_step=1e-5)
     x, y, _ = refined.goal.T_world_object.translation
