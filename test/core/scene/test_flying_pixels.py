@@ -241,7 +241,7 @@ def test_what_flies_close_before_a_floor_seen_at_a_flat_angle_goes():
     height = points[:, 2]
     gone = flying_pixels(points, eye)
     assert gone[height < 0.001].mean() <= 1e-3  # of these some fly, too
-    assert gone[height > 0.004].mean() >= 0.97
+    assert gone[height > 0.006].mean() >= 0.97
 
 
 def feasible_area(problem, points):
@@ -264,7 +264,7 @@ def feasible_area(problem, points):
 
 
 def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses():
-    """Of this draw 0.99 are left, and 0.83 where floors speak for what flies before them."""
+    """Of this draw 0.96 are left."""
     name = "cabinet_low_clutter"
     scene = scene_by_name(name)
     problem, _ = make_problem(
