@@ -15,8 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene import denoising, tight_boxes
-from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
+from placement_planner_ros.core.scene import denoising
+from placement_planner_ros.core.scene.cells import (
+    Bins,
+    boxes_of_cells,
+    close_gaps,
+    sort_into_cells,
+)
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
@@ -30,8 +35,6 @@ round height does not fall onto a face between two layers, where rounding would 
 over both."""
 _ROUNDING = 1e-6
 """m."""
-_LEVEL = 0.06
-"""Share of a cell that the points of one level surface may fall by within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +45,8 @@ class GridSettings(Settings):
         cell_size: about twice the spacing of the points, or more.
         noise_floor: clouds whose surfaces scatter by less than this (standard deviation) are
             clean: their points are used exactly as they are.
-        min_points: pieces of at most two cells with fewer points than this, surrounded by free
-            space, are flying pixels; 0 for none. Sparse clouds (median below 4 points per cell)
-            are spared.
+        min_points: where a cell and the 26 around it hold fewer points than this, these are flying
+            pixels; 0 for none. Sparse clouds (median below 4 points per cell) are spared.
         max_boxes_per_cell: into how many boxes a cell may be cut where surfaces meet.
         max_cells: a grid with more cells than this is refused: 5 bytes each, of which 4 are touched
             only around what was measured.
@@ -71,11 +73,6 @@ class ObstacleSet:
         number_at: (nx, ny, nz) int32, one more than the number of the first box of a cell, or 0.
             Where nothing was measured it is memory that nobody has touched, which costs nothing.
         next: (m,) int32, another box of the same cell, or -1.
-        surface_height: (m,) z of the surface on top of each box, the mean over its points.
-        surface_extent: (m, 8) where that surface was measured: minimum and maximum of x, y,
-            x + y and x - y over its points.
-        surface_first: (m + 1,) the first point of that surface, and their number.
-        surface_points: (k, 2) x and y of these points.
         first_point: (m + 1,) the first of all points of each box, and their number.
         points: (n, 3) of all boxes, box by box, as they were taken.
         noise: standard deviation of the points about their surfaces, estimated, metres.
@@ -90,10 +87,6 @@ class ObstacleSet:
     upper: Array
     number_at: npt.NDArray[np.int32]
     next: npt.NDArray[np.int32]
-    surface_height: Array
-    surface_extent: Array
-    surface_first: npt.NDArray[np.int64]
-    surface_points: npt.NDArray[np.float32]
     first_point: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     noise: float
@@ -113,8 +106,6 @@ class ObstacleSet:
             self.upper,
             self.number_at,
             self.next,
-            self.surface_height,
-            self.surface_extent,
         )
 
     @property
@@ -175,28 +166,17 @@ class ObstacleSet:
     ) -> ObstacleSet:
         """Box points that are as they shall be taken."""
         skin = surface_tolerance(noise)
-        boxes = tight_boxes.tight_boxes(
-            bins,
-            skin,
-            settings.max_boxes_per_cell,
-            skin + _LEVEL * settings.cell_size + noise,
-        )
-        box_lower, box_upper = tight_boxes.close_gaps(
-            boxes, bins.number_at, origin, settings.cell_size, skin
-        )
+        boxes = boxes_of_cells(bins, skin, settings.max_boxes_per_cell)
+        lower, upper = close_gaps(boxes, bins.number_at, origin, settings.cell_size, skin)
         return cls(
             origin=frozen_array(origin, (3,)),
             cell_size=settings.cell_size,
             shape=shape,
             cells=_read_only(boxes.cells),
-            lower=_read_only(box_lower),
-            upper=_read_only(box_upper),
+            lower=_read_only(lower),
+            upper=_read_only(upper),
             number_at=_read_only(bins.number_at),
             next=_read_only(boxes.next),
-            surface_height=_read_only(boxes.surface_height),
-            surface_extent=_read_only(boxes.surface_extent),
-            surface_first=_read_only(boxes.surface_first),
-            surface_points=_read_only(boxes.surface_points),
             first_point=_read_only(boxes.first_point),
             points=_read_only(boxes.points),
             noise=noise,
@@ -236,7 +216,7 @@ class ObstacleSet:
         """A copy in which further cells, until now empty, are obstacles as a whole.
 
         Nothing was measured in them, so no surface lies on them: take regions and support from the
-        set without them. The points of surfaces are left out.
+        set without them.
 
         Args:
             cells: (k, 3) distinct empty cells.
@@ -305,8 +285,7 @@ class ObstacleSet:
         upper: Array,
         barred: npt.NDArray[np.bool_] | None,
     ) -> ObstacleSet:
-        """A copy with further boxes in those cells (k, 3); the points of surfaces are left out."""
-        extent = np.tile([np.inf, -np.inf], (len(cells), 4))
+        """A copy with further boxes in those cells (k, 3)."""
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
         number_at = np.zeros(self.shape, np.int32)
@@ -324,10 +303,6 @@ class ObstacleSet:
             upper=_read_only(np.vstack([self.upper, upper])[order]),
             number_at=_read_only(number_at),
             next=_read_only(following),
-            surface_height=_read_only(np.concatenate([self.surface_height, upper[:, 2]])[order]),
-            surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),
-            surface_first=np.zeros(len(order) + 1, np.int64),
-            surface_points=np.zeros((0, 2), np.float32),
             first_point=_read_only(np.concatenate([[0], held[order].cumsum()])),
             barred=None if barred is None else _read_only(barred[order]),
         )
@@ -415,9 +390,9 @@ def _cleaned(
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
     if min_points > 1:
-        keep = denoising.connected_cells(bins, counts, min_points)
-        if not keep.all():
-            points = bins.points[np.repeat(keep, counts)]
+        lone = denoising.lone_cells(bins, counts, min_points)
+        if lone.any():
+            points = bins.points[np.repeat(~lone, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
     noise = denoising.estimate_noise(bins, origin, size)
     if noise <= settings.noise_floor:

@@ -20,5 +20,3 @@ class ObstacleArrays(NamedTuple):
     upper: Array
     number_at: npt.NDArray[np.int32]
     next: npt.NDArray[np.int32]
-    surface_height: Array
-    surface_extent: Array

@@ -296,15 +296,13 @@ def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, toleranc
     A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
     thick, for a wall goes on in the cell above.
     """
-    lower, upper, extent = boxes.lower, boxes.upper, boxes.surface_extent
-    if (
-        upper[q, 2] <= boxes.surface_height[p] + tolerance
-        or lower[q, 2] >= boxes.surface_height[p] + headroom
-    ):
+    lower, upper = boxes.lower, boxes.upper
+    top = upper[p, 2]
+    if upper[q, 2] <= top + tolerance or lower[q, 2] >= top + headroom:
         return False
-    width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
-    along_x = min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
-    along_y = min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1])
+    width, depth = upper[p, 0] - lower[p, 0], upper[p, 1] - lower[p, 1]
+    along_x = min(upper[p, 0], upper[q, 0]) - max(lower[p, 0], lower[q, 0])
+    along_y = min(upper[p, 1], upper[q, 1]) - max(lower[p, 1], lower[q, 1])
     shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
     return shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
 

@@ -1,0 +1,337 @@
+"""Points sorted into the cells of a grid, and tight boxes around those of each cell.
+
+Where the box around all points of a cell is thick in every direction, the side of it that holds
+most points is cut off as a box of its own, and so on with the rest: floor and wall become two
+boxes, a slope or a blob stays one. Boxes of one surface are closed over the gap to the neighbouring
+cell, up to the face the two cells share; nothing grows where no neighbour is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+Index = npt.NDArray[np.int32]
+Rows = npt.NDArray[np.int64]
+
+WORTH_CUTTING = 0.6
+"""A cell is cut where its boxes fill less than this share of the single box around its points."""
+
+
+class Bins(NamedTuple):
+    """Points sorted by cell.
+
+    Attributes:
+        points: (n, 3), those of one cell next to each other.
+        start: (m + 1,) first point of each occupied cell, and n.
+        cells: (m, 3) int32 occupied cells in lexicographic order.
+        number_at: (nx, ny, nz) int32, one more than the cell's row in `cells`, or 0. Most of it is
+            memory that nobody has touched, and so takes neither time nor room.
+    """
+
+    points: Array
+    start: Rows
+    cells: Index
+    number_at: Index
+
+
+class CellBoxes(NamedTuple):
+    """m boxes; see `ObstacleSet` for the fields."""
+
+    cells: Index
+    lower: Array
+    upper: Array
+    next: Index
+    first_point: Rows
+    points: npt.NDArray[np.float32]
+
+
+def sort_into_cells(
+    points: Array,
+    origin: Array,
+    cell_size: float,
+    shape: tuple[int, int, int],
+    lower: Array,
+    upper: Array,
+) -> Bins:
+    """Sort the (n, 3) points that are finite and within the bounds (both ends included)."""
+    number_at = np.zeros(shape, np.int32)
+    sorted_points, start, cells = _sort_into_cells(
+        points, origin, cell_size, lower, upper, number_at
+    )
+    return Bins(sorted_points, start, cells, number_at)
+
+
+@kernel(nogil=True)
+def _sort_into_cells(
+    points: Array, origin: Array, cell_size: float, lower: Array, upper: Array, number_at: Index
+) -> tuple[Array, Rows, Index]:
+    """A counting sort: the fields of `Bins`; `number_at` (nx, ny, nz), all 0, is filled."""
+    nx, ny, nz = number_at.shape
+    # how many points each cell holds; `cell_of` remembers which
+    n = len(points)
+    cell_of = np.empty(n, np.int32)
+    flat = number_at.reshape(-1)
+    column_used = np.zeros((nx, ny), np.bool_)
+    occupied = kept = last_z = 0
+    first_z = nz
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not (
+            lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]
+        ):  # also where a coordinate is NaN
+            cell_of[i] = -1
+            continue
+        ix = min(int((x - origin[0]) / cell_size), nx - 1)
+        iy = min(int((y - origin[1]) / cell_size), ny - 1)
+        iz = min(int((z - origin[2]) / cell_size), nz - 1)
+        cell = (ix * ny + iy) * nz + iz
+        cell_of[i] = cell
+        kept += 1
+        if flat[cell] == 0:
+            occupied += 1
+            column_used[ix, iy] = True
+            first_z, last_z = min(first_z, iz), max(last_z, iz)
+        flat[cell] += 1
+    # number the occupied cells in their order; each begins where the one before ends
+    cells = np.empty((occupied, 3), np.int32)
+    start = np.zeros(occupied + 1, np.int64)
+    row = 0
+    for ix in range(nx):
+        for iy in range(ny):
+            if not column_used[ix, iy]:
+                continue  # memory that nobody has touched
+            for iz in range(first_z, last_z + 1):
+                count = number_at[ix, iy, iz]
+                if count > 0:
+                    cells[row, 0], cells[row, 1], cells[row, 2] = ix, iy, iz
+                    start[row + 1] = start[row] + count
+                    row += 1
+                    number_at[ix, iy, iz] = row
+    # put every point behind those of its cell that are already there
+    fill = start[:-1].copy()
+    kept_points = np.empty((kept, 3))
+    for i in range(n):
+        if cell_of[i] >= 0:
+            row = flat[cell_of[i]] - 1
+            for a in range(3):
+                kept_points[fill[row], a] = points[i, a]
+            fill[row] += 1
+    return kept_points, start, cells
+
+
+def boxes_of_cells(bins: Bins, skin: float, max_boxes: int) -> CellBoxes:
+    """Box the points of each cell, in up to so many boxes.
+
+    A cut is used if it leaves out a good part of the volume.
+
+    Args:
+        bins: `number_at` is rewritten to one more than the first box of each cell.
+        skin: thickness of one level surface, metres.
+    """
+    return CellBoxes(*_boxes_of_cells(bins, skin, max_boxes))
+
+
+@kernel(lean=True)
+def _bound_points(points: Array, rows: Rows, box: Array) -> None:
+    """`box` (2, 3): the tight box around points[rows]."""
+    for a in range(3):
+        box[0, a], box[1, a] = np.inf, -np.inf
+        for row in rows:
+            box[0, a] = min(box[0, a], points[row, a])
+            box[1, a] = max(box[1, a], points[row, a])
+
+
+@kernel(lean=True)
+def _box_volume(box: Array, skin: float) -> tuple[float, bool]:
+    """Volume, each side counted as at least `skin`; whether some side is no thicker than that."""
+    volume, flat = 1.0, False
+    for a in range(3):
+        side = box[1, a] - box[0, a]
+        volume *= max(side, skin)
+        flat = flat or side <= skin
+    return volume, flat
+
+
+@kernel(lean=True)
+def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) -> int:
+    """Put those of `rows` first whose points lie within `skin` of the fullest side of their box.
+
+    The order is kept otherwise. Returns how many there are. Upright sides come first where equal:
+    the rows of points on two walls of one cell are no floors.
+    """
+    # the side with most points
+    best, axis, high = 0, 0, False
+    for a in range(3):
+        for side in range(2):
+            hits = 0
+            for row in rows:
+                away = points[row, a] - box[0, a] if side == 0 else box[1, a] - points[row, a]
+                hits += away <= skin
+            if hits > best:
+                best, axis, high = hits, a, side == 1
+    # theirs first, then the others
+    taken = spilled = 0
+    for row in rows:
+        away = box[1, axis] - points[row, axis] if high else points[row, axis] - box[0, axis]
+        if away <= skin:
+            rows[taken] = row
+            taken += 1
+        else:
+            spill[spilled] = row
+            spilled += 1
+    for i in range(spilled):
+        rows[taken + i] = spill[i]
+    return taken
+
+
+@kernel(nogil=True)
+def _cut_cell(
+    points: Array, rows: Rows, skin: float, max_boxes: int, spill: Rows, boxes: Array, ends: Rows
+) -> int:
+    """Cut the points of one cell, as the module says; returns into how many boxes.
+
+    Args:
+        rows: (k,) of its points, put into the order of their boxes.
+        boxes: (max_boxes, 2, 3), filled; box i is that of rows[ends[i]:ends[i + 1]].
+    """
+    count = len(rows)
+    _bound_points(points, rows, boxes[0])
+    whole, flat = _box_volume(boxes[0], skin)
+    ends[0], ends[1] = 0, count
+    if flat or max_boxes == 1:
+        return 1
+    number, volume, left = 0, 0.0, count
+    while left > 0:
+        # boxes[number] is around all that is left, of which the last box takes all
+        rest = rows[count - left :]
+        of_rest, flat = _box_volume(boxes[number], skin)
+        if number + 1 == max_boxes or flat:
+            volume += of_rest
+            left = 0
+        else:
+            taken = _cut_off(points, rest, boxes[number], skin, spill)
+            _bound_points(points, rest[:taken], boxes[number])
+            volume += _box_volume(boxes[number], skin)[0]
+            left -= taken
+        number += 1
+        ends[number] = count - left
+        if left > 0:
+            _bound_points(points, rows[count - left :], boxes[number])
+    if volume <= WORTH_CUTTING * whole:
+        return number
+    # not worth it
+    _bound_points(points, rows, boxes[0])
+    ends[1] = count
+    return 1
+
+
+@kernel(nogil=True)
+def _boxes_of_cells(
+    bins: Bins, skin: float, max_boxes: int
+) -> tuple[Index, Array, Array, Index, Rows, npt.NDArray[np.float32]]:
+    """The fields of `CellBoxes`."""
+    points, start, cells = bins.points, bins.start, bins.cells
+    room = len(cells) * max_boxes
+    box_cells = np.empty((room, 3), np.int32)
+    lower, upper = np.empty((room, 3)), np.empty((room, 3))
+    following = np.full(room, np.int32(-1))
+    first_point = np.zeros(room + 1, np.int64)
+    grouped = np.empty((len(points), 3), np.float32)
+    ordered, spill = np.arange(len(points)), np.empty(len(points), np.int64)
+    boxes = np.empty((max_boxes, 2, 3))
+    ends = np.empty(max_boxes + 1, np.int64)
+    m = 0
+    for r in range(len(cells)):
+        rows = ordered[start[r] : start[r + 1]]
+        number = _cut_cell(points, rows, skin, max_boxes, spill, boxes, ends)
+        bins.number_at[cells[r, 0], cells[r, 1], cells[r, 2]] = m + 1
+        # its boxes follow each other, and so do their points
+        for part in range(number):
+            for a in range(3):
+                box_cells[m, a] = cells[r, a]
+                lower[m, a], upper[m, a] = boxes[part, 0, a], boxes[part, 1, a]
+            if part + 1 < number:
+                following[m] = m + 1
+            m += 1
+            first_point[m] = start[r] + ends[part + 1]
+    for i in range(len(points)):
+        for a in range(3):
+            grouped[i, a] = points[ordered[i], a]
+    return (
+        box_cells[:m].copy(),
+        lower[:m].copy(),
+        upper[:m].copy(),
+        following[:m].copy(),
+        first_point[: m + 1].copy(),
+        grouped,
+    )
+
+
+@kernel(lean=True)
+def _one_surface(
+    lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
+) -> bool:
+    """Whether boxes p and q, neighbours along `axis`, belong to one surface that p goes on along.
+
+    Either both are flat in the same other direction and at one level, or both overlap (nearly) in
+    both other directions and p is no thin sheet across `axis`.
+    """
+    b, c = (axis + 1) % 3, (axis + 2) % 3
+    # how far apart they are in the other directions, negative where they overlap
+    gap_b = max(lower[p, b] - upper[q, b], lower[q, b] - upper[p, b])
+    gap_c = max(lower[p, c] - upper[q, c], lower[q, c] - upper[p, c])
+    overlap = upper[p, axis] - lower[p, axis] > 0.2 * cell_size
+    for turn in range(2):
+        flat, level, along = (b, gap_b, gap_c) if turn == 0 else (c, gap_c, gap_b)
+        size_p, size_q = upper[p, flat] - lower[p, flat], upper[q, flat] - lower[q, flat]
+        if max(size_p, size_q) <= 2.0 * skin and level <= skin and along <= 0.5 * cell_size:
+            return True
+        overlap = overlap and level <= max(skin, 0.25 * min(size_p, size_q))
+    return overlap
+
+
+@kernel(nogil=True)
+def close_gaps(
+    boxes: CellBoxes, number_at: Index, origin: Array, cell_size: float, skin: float
+) -> tuple[Array, Array]:
+    """Extend boxes of one surface in neighbouring cells to the face between these cells.
+
+    Returns:
+        (m, 3), (m, 3) new lower and upper corners. A side without neighbour is left as measured.
+    """
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
+    shape = number_at.shape
+    new_lower, new_upper = lower.copy(), upper.copy()
+    cell = np.empty(3, np.int64)
+    for p in range(len(cells)):
+        for axis in range(3):
+            b, c = (axis + 1) % 3, (axis + 2) % 3
+            for side in range(-1, 2, 2):
+                face = origin[axis] + (cells[p, axis] + (side > 0)) * cell_size
+                cell[axis] = cells[p, axis] + side
+                if cell[axis] < 0 or cell[axis] >= shape[axis]:
+                    continue
+                closed = False
+                # straight ahead first, then the cells beside it
+                for turn in range(9):
+                    cell[b] = cells[p, b] + (0, 1, -1)[turn % 3]
+                    cell[c] = cells[p, c] + (0, 1, -1)[turn // 3]
+                    if cell[b] < 0 or cell[b] >= shape[b] or cell[c] < 0 or cell[c] >= shape[c]:
+                        continue
+                    q = number_at[cell[0], cell[1], cell[2]] - 1
+                    while q >= 0 and not closed:
+                        closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
+                        q = boxes.next[q]
+                    if closed:
+                        break
+                if closed and side > 0:
+                    new_upper[p, axis] = max(face, upper[p, axis])
+                elif closed:
+                    new_lower[p, axis] = min(face, lower[p, axis])
+    return new_lower, new_upper
