@@ -49,12 +49,10 @@ figures: install
 	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
 	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick
 	$(BENCHMARKS) yardstick --processes 2 --output results/quick
-	$(BENCHMARKS) scaling --output results/quick
 	$(BENCHMARKS) report results/quick
 	cp results/quick/figures/overall.png docs/images/evaluation.png
 	cp results/quick/figures/by_scene.png docs/images/evaluation_scenes.png
 	cp results/quick/figures/differences.png docs/images/evaluation_differences.png
-	cp results/quick/figures/scaling.png docs/images/evaluation_scaling.png
 	$(BENCHMARKS) paper --preset quick --variant optimistic+lo --variant mcts+lo \
 	  --processes 2 --output results/samplers
 	$(BENCHMARKS) report results/samplers --yardstick results/quick/yardstick.jsonl

@@ -43,8 +43,6 @@ ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICT
 # What `python -m benchmarks` needs in a checkout.
 BENCHMARKS = [
     *PICTURES,
-    "dask[distributed]>=2024.5,<2027",
-    "markdown-it-py>=3,<5",
     "ompl>=2.0,<3",
     "psutil>=5.9,<8",
     *YAML,

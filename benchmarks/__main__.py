@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from benchmarks.concepts.command import add_concepts_command
 from benchmarks.evaluation.command import add_evaluation_commands
-from benchmarks.motion.comparison import add_motion_command
 from benchmarks.real_clouds.command import add_clouds_command
 from benchmarks.robots.command import add_robots_command
 from benchmarks.situations.command import add_situations_command
@@ -21,7 +20,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     add_evaluation_commands(commands)
-    add_motion_command(commands)
     add_speed_command(commands)
     add_robots_command(commands)
     add_situations_command(commands)

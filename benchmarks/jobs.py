@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from benchmarks.json_lines import append_line, read_lines
-from benchmarks.spread import Workers, spread
+from benchmarks.spread import spread
 
 Entry = dict[str, Any]
 Tell = Callable[[str], object]
@@ -64,7 +64,7 @@ def run_jobs(
     jobs: Sequence[J],
     path: Path,
     describe: Callable[[Mapping[str, Any]], str],
-    workers: Workers | None = None,
+    processes: int = 1,
     tell: Tell = say,
 ) -> list[Entry]:
     """Run the jobs that the file has no entry of, and append what each returns with its `key`.
@@ -72,7 +72,7 @@ def run_jobs(
     Args:
         run: makes a job's entries; errors are to be in them.
         describe: an entry in a line.
-        workers: this process unless given.
+        processes: that share the jobs.
 
     Returns:
         The new entries.
@@ -82,7 +82,7 @@ def run_jobs(
     tell(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are recorded in {path}")
     progress = WorkProgress([job.work for job in open_jobs], tell)
     new: list[Entry] = []
-    for job, result in spread(run, open_jobs, workers or Workers()):
+    for job, result in spread(run, open_jobs, processes):
         entries = [
             {"key": job.key, **e} for e in (result if isinstance(result, list) else [result])
         ]

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from benchmarks.cases import OBJECTIVES, Case
-from benchmarks.spread import Workers
 from benchmarks.yardstick.placement_grid import GridResolution
 from placement_planner_ros.scenes.objects import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
@@ -36,17 +35,9 @@ def wanted_cases(cases: Iterable[Case], arguments: argparse.Namespace) -> tuple[
 
 
 def add_job_options(parser: argparse.ArgumentParser, folder: str) -> None:
-    """`--processes`, `--dask-scheduler` and `--output`."""
-    parser.add_argument("--processes", type=int, default=1, help="on this machine")
-    parser.add_argument(
-        "--dask-scheduler", metavar="ADDRESS", help="have the workers of a dask cluster do it"
-    )
+    """`--processes` and `--output`."""
+    parser.add_argument("--processes", type=int, default=1, help="that share the runs")
     parser.add_argument("--output", type=Path, default=Path(folder))
-
-
-def workers_of(arguments: argparse.Namespace) -> Workers:
-    """Those that the job options name."""
-    return Workers(arguments.processes, arguments.dask_scheduler)
 
 
 def add_grid_options(parser: argparse.ArgumentParser, step: float, turn: float) -> None:

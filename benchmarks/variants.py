@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner, PlainPlanner
+from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner
 from benchmarks.cases import boxes_ready
 from placement_planner_ros.core.planner import (
     SAMPLERS,
@@ -47,12 +47,6 @@ VARIANTS: Mapping[str, Variant] = {
     **{sampler: _variant_of(sampler, False) for sampler in SAMPLERS},
     "baseline": Variant(
         BaselinePlanner, STOCK_SETTINGS, "uniform samples, each planned for with stock RRTConnect"
-    ),
-    "plain": Variant(
-        PlainPlanner,
-        STOCK_SETTINGS,
-        "as baseline, with coal alone for the arm",
-        PlainPlanner.register,
     ),
     "optimistic+lo+unpruned": Variant(
         PlacementPlanner,

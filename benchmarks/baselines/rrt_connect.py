@@ -1,4 +1,4 @@
-"""Plain baselines: place as most systems do, with a stock planner, one goal at a time."""
+"""A plain baseline: place as most systems do, with a stock planner, one goal at a time."""
 
 from __future__ import annotations
 
@@ -9,13 +9,9 @@ import numpy as np
 from ompl import geometric as og
 from ompl import util as ou
 
-from benchmarks.baselines.exact_collision import ExactCollision, box_tree
-from benchmarks.cases import boxes_ready
-from benchmarks.motion.ompl_space import EdgeFree, EdgeSpace
+from benchmarks.baselines.ompl_space import EdgeFree, EdgeSpace
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array, Goal
 
 STOCK_SETTINGS = PlannerSettings(sampler="uniform", local_optimization=False)
@@ -102,31 +98,3 @@ class BaselinePlanner(PlacementPlanner):
     def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:
         """One goal at a time, without `rng`, which OMPL does not draw from."""
         return RRTConnectMotion(self.holdings)
-
-
-class PlainPlanner(BaselinePlanner):
-    """Uniform samples, IK, stock RRTConnect; the arm is checked by coal alone.
-
-    Shared with the planner, in favour of the plain path: support, the object's own check c_f,
-    inverse kinematics, release and retreat, and timing.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        objective: Objective,
-        settings: PlannerSettings,
-        rng: np.random.Generator,
-    ) -> None:
-        super().__init__(problem, objective, settings, rng)
-        for holding in self.holdings.values():
-            exact = ExactCollision(
-                holding.moving, holding.held, problem.environment.obstacles, settings.collision
-            )
-            holding.collision = exact  # type: ignore[assignment]  # same methods
-
-    @staticmethod
-    def register(problem: Problem) -> None:
-        """Register the environment's boxes with coal too, as a system does when a cloud arrives."""
-        boxes_ready(problem)
-        box_tree(problem.environment.obstacles)

@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.picture import (
     OVERSAMPLING,
-    PLACED,
-    VOLUME,
     averaged,
-    box_corners,
     draw_volume,
-    moved,
-    see_through,
 )
 from placement_planner_ros.pictures.plots import new_figure
-from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
-from placement_planner_ros.scenes.grasped_object import GraspedObject
-from placement_planner_ros.scenes.scenes import Scene
+from placement_planner_ros.pictures.rendering import Image, Viewpoint
 
 _TITLE, _LEGEND, _GAP = 0.34, 0.40, 0.06
 """Inches: of a panel's title, of the legend, and between panels."""
-_SOLUTION_SIZE = (10.0, 7.5)
-"""Inches of the picture of a solution."""
-_OVER_RIGHT_SHOULDER = (-2.3, 0.62)
-"""Azimuth and elevation of the eye, rad."""
 
 
 def panel_figure(
@@ -77,29 +62,3 @@ def show_legend(figure: Figure, entries: Sequence[Artist]) -> None:
     """One row below all panels."""
     figure.legend(handles=entries, loc="lower center", ncols=len(entries), fontsize=8,
                   frameon=False)  # fmt: skip
-
-
-def draw_solution(
-    path: Path,
-    scene: Scene,
-    thing: GraspedObject,
-    T_world_thing: pin.SE3,
-    robot: Sequence[Mesh],
-) -> None:
-    """Write a PNG: scene, V, and the robot that has just put the thing down; see-through what
-    hides it."""
-    figure, (axes,) = panel_figure(1, 1, _SOLUTION_SIZE)
-    placed = moved(thing.vertices, T_world_thing)
-    held = np.vstack([placed, scene.volume.lower, scene.volume.upper])
-    corners = box_corners(held.min(axis=0), held.max(axis=0))
-    view = panel_view(axes, corners, _OVER_RIGHT_SHOULDER)
-    solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
-    meshes = see_through(view, placed, [*solids, *robot])
-    image = render(view, [*meshes, Mesh(placed, thing.triangles, PLACED)])
-    show_image(axes, view, image, scene.volume)
-    entries = [
-        Patch(color=PLACED, label="placed object"),
-        Patch(color=VOLUME, label="target volume"),
-    ]
-    show_legend(figure, entries)
-    figure.savefig(path)

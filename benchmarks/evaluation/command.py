@@ -7,9 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.carry.runs import RUNS_FILE as CARRY_FILE
-from benchmarks.carry.runs import SOLUTIONS as CARRIED
-from benchmarks.carry.runs import CarryJob, carry_table, describe_carry, run_carry
 from benchmarks.cases import GROUPS, all_cases
 from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.results import EvaluationResults
@@ -21,13 +18,9 @@ from benchmarks.options import (
     add_job_options,
     grid_resolution,
     wanted_cases,
-    workers_of,
 )
 from benchmarks.record import RUNS_FILE, Trial, describe_run, run_trial
-from benchmarks.scaling.growth import growths
-from benchmarks.scaling.runs import AXES, SCALING_FILE, describe_scaling, run_scaling, scaling_jobs
 from benchmarks.variants import PAPER_VARIANTS, VARIANTS
-from benchmarks.wishes.command import add_wishes_command
 from benchmarks.yardstick.dense_search import (
     YardstickJob,
     case_of,
@@ -41,7 +34,7 @@ _FOLDER = "results/paper"
 
 
 def add_evaluation_commands(commands: Any) -> None:
-    """Add `cases`, `paper`, `yardstick`, `scaling` and `report`; each sets `command_function`.
+    """Add `cases`, `paper`, `yardstick` and `report`; each sets `command_function`.
 
     Args:
         commands: what `ArgumentParser.add_subparsers` returned.
@@ -57,18 +50,6 @@ def add_evaluation_commands(commands: Any) -> None:
     cases.add_argument("--enough", type=int, help="end a run after so many solutions")
     cases.add_argument("--cloud", choices=("complete", "cameras"), default="complete")
     cases.add_argument("--variant", choices=tuple(VARIANTS), default=next(iter(VARIANTS)))
-    cases.add_argument(
-        "--carry",
-        type=float,
-        nargs="?",
-        const=15.0,
-        metavar="DEGREES",
-        help="first placements only, of an object that is held upright and must not lean more on "
-        "its way, beside runs in which it may (default %(const)s)",
-    )
-    cases.add_argument(
-        "--opposite", action="store_true", help="with --carry: the wrist starts turned away"
-    )
     add_case_options(cases)
     add_job_options(cases, "results/cases")
     cases.set_defaults(command_function=_run_cases)
@@ -97,21 +78,9 @@ def add_evaluation_commands(commands: Any) -> None:
     add_job_options(yardstick, _FOLDER)
     yardstick.set_defaults(command_function=_run_yardstick)
 
-    scaling = commands.add_parser(
-        "scaling", help="time to a good placement as V, the cloud and clutter double three times"
-    )
-    scaling.add_argument("--axis", choices=tuple(AXES), action="append")
-    scaling.add_argument("--seeds", type=int, default=5, help="runs per setting")
-    scaling.add_argument("--seconds", type=float, default=20.0, help="processor time of a run")
-    add_job_options(scaling, _FOLDER)
-    scaling.set_defaults(command_function=_run_scaling)
-
-    add_wishes_command(commands)
-
     report = commands.add_parser("report", help="figures and tables of recorded runs")
     report.add_argument("folder", type=Path, help="what paper and yardstick wrote to")
     report.add_argument("--yardstick", type=Path, help=f"instead of the folder's {YARDSTICK_FILE}")
-    report.add_argument("--no-pictures", action="store_true", help="leave out the placements")
     report.set_defaults(command_function=_run_report)
 
 
@@ -119,35 +88,18 @@ def _run_cases(arguments: argparse.Namespace) -> int:
     """1 where a run, be it recorded before, has no solution."""
     if arguments.group is not None:
         arguments.object = GROUPS[arguments.group]
-    if arguments.carry is not None:
-        return _run_carried(arguments)
     path, given = arguments.output / RUNS_FILE, (arguments.seconds, arguments.enough)
     jobs = [
         Trial(case, arguments.variant, seed, *given, arguments.output / "solutions")
         for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
         for seed in range(arguments.seeds)
     ]
-    run_jobs(run_trial, jobs, path, describe_run, workers_of(arguments))
+    run_jobs(run_trial, jobs, path, describe_run, arguments.processes)
     wanted = {job.key for job in jobs}
     records = [record for record in read_lines(path) if record.get("key") in wanted]
     solved = sum(bool(record["solutions"]) for record in records)
     say(f"{solved} of {len(records)} runs solved; recorded in {arguments.output}")
     return 0 if solved == len(records) else 1
-
-
-def _run_carried(arguments: argparse.Namespace) -> int:
-    """1 where something is found without the limit alone."""
-    path, limits = arguments.output / CARRY_FILE, (arguments.carry, arguments.seconds)
-    jobs = [
-        CarryJob(case, seed, *limits, arguments.opposite, arguments.output / CARRIED)
-        for seed in range(arguments.seeds)
-        for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
-    ]
-    run_jobs(run_carry, jobs, path, describe_carry, workers_of(arguments))
-    entries = read_lines(path)
-    say(carry_table(entries))
-    tried = [entry for entry in entries if not entry["failure"]]
-    return int(any(e["free"]["found"] > e["limited"]["found"] for e in tried))
 
 
 def _run_paper(arguments: argparse.Namespace) -> int:
@@ -159,7 +111,7 @@ def _run_paper(arguments: argparse.Namespace) -> int:
     if arguments.seconds is not None:
         preset = replace(preset, seconds=arguments.seconds)
     trials = preset_trials(preset, arguments.variant or PAPER_VARIANTS)
-    records = run_jobs(run_trial, trials, path, describe_run, workers_of(arguments))
+    records = run_jobs(run_trial, trials, path, describe_run, arguments.processes)
     failed = sum(not record["solutions"] for record in records)
     say(f"{failed} runs without a placement; recorded in {path}")
     return 0
@@ -178,19 +130,7 @@ def _run_yardstick(arguments: argparse.Namespace) -> int:
         for of, objectives in wanted.items()
     ]
     say(f"{len(known)} cases are recorded in {path}")
-    run_jobs(measure_yardstick, jobs, path, describe_yardstick, workers_of(arguments))
-    return 0
-
-
-def _run_scaling(arguments: argparse.Namespace) -> int:
-    from benchmarks.scaling.report import draw_scaling
-
-    path = arguments.output / SCALING_FILE
-    jobs = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
-    run_jobs(run_scaling, jobs, path, describe_scaling, workers_of(arguments))
-    picture = arguments.output / "scaling.png"
-    picture.write_bytes(draw_scaling(growths(read_lines(path))))
-    say(f"wrote {picture}")
+    run_jobs(measure_yardstick, jobs, path, describe_yardstick, arguments.processes)
     return 0
 
 
@@ -199,7 +139,6 @@ def _run_report(arguments: argparse.Namespace) -> int:
 
     yardstick = arguments.yardstick or arguments.folder / YARDSTICK_FILE
     results = EvaluationResults.read(arguments.folder / RUNS_FILE, yardstick)
-    scaling = read_lines(arguments.folder / SCALING_FILE)
-    for path in write_report(results, arguments.folder, not arguments.no_pictures, scaling):
+    for path in write_report(results, arguments.folder):
         say(f"wrote {path}")
     return 0

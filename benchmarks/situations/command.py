@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.jobs import run_jobs, say
-from benchmarks.json_lines import read_lines, replace_lines
-from benchmarks.options import add_job_options, add_table_options, workers_of
+from benchmarks.json_lines import read_lines
+from benchmarks.options import add_job_options, add_table_options
 from benchmarks.page import between_marks, require_marks
 from benchmarks.situations.catalogue import all_situations
-from benchmarks.situations.feasible_share import SHARES_FILE, measure_shares, shares_table
 from benchmarks.situations.report import VERDICTS_FILE, situations_report
 from benchmarks.situations.runs import (
     OUTCOMES,
@@ -26,7 +25,7 @@ from benchmarks.situations.runs import (
 )
 from benchmarks.situations.situation import CLOUDS
 
-TABLE_FILE, PICTURE_FILE = "situations.md", "situations.png"
+TABLE_FILE = "situations.md"
 
 
 def add_situations_command(commands: Any) -> None:
@@ -45,9 +44,6 @@ def add_situations_command(commands: Any) -> None:
     situations.add_argument("--seconds", type=float, default=5.0, help="processor time of a run")
     situations.add_argument("--enough", type=int, default=1, help="end a run after so many")
     situations.add_argument("--picture", type=Path, help="draw every situation into this file")
-    situations.add_argument(
-        "--shares", type=int, metavar="POSES", help="feasible shares of tables off level instead"
-    )
     add_table_options(situations, None)
     add_job_options(situations, "results/situations")
     situations.set_defaults(command_function=run_situations)
@@ -70,16 +66,11 @@ def run_situations(arguments: argparse.Namespace) -> int:
         draw_situations(arguments.picture, list(drawn.values()))
         say(f"wrote {arguments.picture}")
     path = arguments.output / RUNS_FILE
-    if arguments.shares is not None:
-        shares = measure_shares(arguments.shares, arguments.first_seed)
-        replace_lines(arguments.output / SHARES_FILE, shares)
-    elif not arguments.report_only:
+    if not arguments.report_only:
         jobs = _situation_jobs(arguments, seeds)
-        run_jobs(run_situation, jobs, path, describe_situation, workers_of(arguments))
+        run_jobs(run_situation, jobs, path, describe_situation, arguments.processes)
     entries = read_lines(path)
     text = situations_report(entries, read_lines(arguments.output / VERDICTS_FILE))
-    if told := shares_table(read_lines(arguments.output / SHARES_FILE)):
-        text += f"\n## Tables off level\n\n{told}"
     arguments.output.mkdir(parents=True, exist_ok=True)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
     if arguments.page is not None:

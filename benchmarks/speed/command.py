@@ -23,19 +23,18 @@ from benchmarks.speed.clouds import measure_clouds
 from benchmarks.speed.queries import QueryBench
 from benchmarks.speed.recorder import RecordingSettings, record_queries
 from benchmarks.speed.rows import MADE_WITH, ROWS, Entry, lines_of, made_with, speed_table
-from benchmarks.speed.searches import measure_first, measure_goal_sets, measure_sampling
+from benchmarks.speed.searches import measure_first, measure_sampling
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 
-RAW_FILE, TABLE_FILE, PICTURE_FILE = "raw.jsonl", "speed.md", "speed.png"
-_RECORDED = ("configurations", "answers", "edges", "ik", "agreement", "goal_sets")
+RAW_FILE, TABLE_FILE = "raw.jsonl", "speed.md"
+_RECORDED = ("configurations", "answers", "edges", "ik")
 """Rows measured on the queries of recorded runs."""
 _BROUGHT = {"first": ("checked",), "node": ("memory",)}
 """Rows that come with others."""
 _SEED = 0
 _SAMPLING_SECONDS = 1.5
-_FIRST_SEEDS, _PLAIN_SEEDS, _FIRST_LIMIT = 5, 1, 10.0
-_PLAIN_QUERIES, _QUERY_LIMIT = 1, 5.0
+_FIRST_SEEDS, _FIRST_LIMIT = 5, 10.0
 _CLOUD_REPEATS = 5
 _LOAD_SECONDS = 300.0
 
@@ -74,7 +73,6 @@ def add_speed_command(commands: Any) -> None:
     for name, default, what in (
         ("runs", 3, "recorded per case"),
         ("samples", 2000, "goal samples of a recorded run"),
-        ("agreement", 2000, "configurations per scene put to coal too; 1000000 takes some hours"),
         ("stops", 30, "runs of the node, stopped anywhere"),
         ("minutes", 1.0, "of the node's search, for its memory"),
     ):
@@ -83,7 +81,7 @@ def add_speed_command(commands: Any) -> None:
 
 
 def run_speed(arguments: argparse.Namespace) -> int:
-    """Measure, then write raw numbers, table and picture; 1 where a job failed.
+    """Measure, then write raw numbers and table; 1 where a job failed.
 
     Raises:
         ParameterError: there is nothing to measure or to show, or the page has no marks.
@@ -94,19 +92,11 @@ def run_speed(arguments: argparse.Namespace) -> int:
     entries = read_lines(raw) if arguments.report_only else _measure_rows(arguments, raw)
     if not entries:
         raise ParameterError("output", str(raw), "holds no figures yet: run without --report-only")
-    lines = lines_of(entries)
-    text = speed_table(lines, entries)
+    text = speed_table(lines_of(entries), entries)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
     say(f"{text}\nwrote {arguments.output}")
-    from benchmarks.speed.picture import draw_speed
-
-    picture = draw_speed(lines, entries)
-    (arguments.output / PICTURE_FILE).write_bytes(picture)
     if arguments.page is not None:
         between_marks(arguments.page, text)
-        images = arguments.page.parent / "images"
-        images.mkdir(exist_ok=True)
-        (images / "speed.png").write_bytes(picture)
     return 1 if any("error" in entry for entry in entries) else 0
 
 
@@ -155,12 +145,10 @@ def _jobs_of(arguments: argparse.Namespace) -> Iterator[SpeedJob]:
     scenes = [case.scene for case in cases]
     recorded = [row for row in _RECORDED if row in rows]
     for case in cases:
-        wanted = [row for row in recorded if row != "goal_sets" or "cabinet" in case.scene]
-        if wanted:
-            share = -(-arguments.agreement // scenes.count(case.scene))
-            seconds = 5.0 + 2.0 * len(wanted) + 2e-4 * share * ("agreement" in rows)
-            run = partial(_recorded_entries, case, wanted, share, arguments)
-            yield SpeedJob(f"recorded queries of {case}", tuple(wanted), seconds, run)
+        if recorded:
+            run = partial(_recorded_entries, case, recorded, arguments)
+            seconds = 5.0 + 2.0 * len(recorded)
+            yield SpeedJob(f"recorded queries of {case}", tuple(recorded), seconds, run)
     if "samples" in rows:
         for case in cases:
             seconds, run = 1.5 + _SAMPLING_SECONDS, partial(_sampling_entries, case)
@@ -176,11 +164,6 @@ def _jobs_of(arguments: argparse.Namespace) -> Iterator[SpeedJob]:
             partial(_first_entries, cases, arguments.output),
         )
         yield SpeedJob("first placements", ("first", "checked"), seconds, run)
-    if "plain" in rows:
-        for case in cases:
-            name = f"first placements by the plain path, {case}"
-            run = partial(_plain_entries, case)
-            yield SpeedJob(name, ("plain",), 10.0 * _PLAIN_SEEDS, run)
     if "node" in rows:
         seconds = 30.0 + 2.5 * arguments.stops + 60.0 * arguments.minutes
         options = ["--stops", str(arguments.stops), "--minutes", str(arguments.minutes)]
@@ -192,7 +175,7 @@ def _jobs_of(arguments: argparse.Namespace) -> Iterator[SpeedJob]:
 
 
 def _recorded_entries(
-    case: Case, rows: list[str], agreement: int, arguments: argparse.Namespace
+    case: Case, rows: list[str], arguments: argparse.Namespace
 ) -> Iterator[Entry]:
     settings = RecordingSettings(runs=arguments.runs, samples=arguments.samples)
     recording = record_queries(case, _SEED, settings)
@@ -206,10 +189,6 @@ def _recorded_entries(
     ):
         if row in rows:
             yield measure()
-    if "agreement" in rows:
-        yield from bench.agreement(agreement)
-    if "goal_sets" in rows:
-        yield from measure_goal_sets(recording, _PLAIN_QUERIES, _QUERY_LIMIT, rng)
 
 
 def _sampling_entries(case: Case) -> Iterator[Entry]:
@@ -220,18 +199,13 @@ def _first_entries(cases: tuple[Case, ...], output: Path) -> Iterator[Entry]:
     """The first one of a process is not counted: it fills what no warm-up reaches."""
     folder = output / "first"
     variant = next(iter(VARIANTS))
-    measure_first(Trial(cases[0], variant, _SEED, _FIRST_LIMIT), "first")
+    measure_first(Trial(cases[0], variant, _SEED, _FIRST_LIMIT))
     runs = []
     for case in cases:
         for seed in range(_SEED, _SEED + _FIRST_SEEDS):
             trial = Trial(case, variant, seed, _FIRST_LIMIT, solutions=folder / "solutions")
-            entry, run = measure_first(trial, "first")
+            entry, run = measure_first(trial)
             runs.append(run)
             yield entry
     replace_lines(folder / RUNS_FILE, runs)
     yield from lines_told_by("-c", _VERIFY, str(folder))
-
-
-def _plain_entries(case: Case) -> Iterator[Entry]:
-    for seed in range(_SEED, _SEED + _PLAIN_SEEDS):
-        yield measure_first(Trial(case, "plain", seed, _FIRST_LIMIT), "plain")[0]

@@ -1,4 +1,4 @@
-"""Rows measured on recorded queries: configurations, edges, agreement with coal, kinematics."""
+"""Rows measured on recorded queries: configurations, edges, kinematics."""
 
 from __future__ import annotations
 
@@ -29,8 +29,6 @@ _STATES, _EDGES = 400, 60
 _COUNTED = ("free", "undecided", "ties", "contradictions")
 _Asked = tuple[ArmCollision, ExactCollision, bool, Array]
 """Both checks, whether the object rests on its support, and what they are asked."""
-_NOISE = 0.05
-"""rad, of configurations around recorded ones."""
 
 
 class QueryBench:
@@ -136,35 +134,6 @@ class QueryBench:
                 part |= _cpu_time("solvable_seconds", solve, solved)
             parts.append(part)
         return self._entry("ik", parts)
-
-    def agreement(self, number: int) -> Iterator[Entry]:
-        """Fast answers beside coal's, half at random, half around recorded configurations.
-
-        Args:
-            number: of configurations in this case; with and without support contact in turn.
-        """
-        held = [(queries, exact) for queries, exact in self._held if len(queries.states)]
-        share = -(-number // max(1, len(held)))
-        for queries, exact in held:
-            collision, arm = queries.holding.collision, queries.holding.arm
-            around = self._rng.choice(len(queries.states), share)
-            states = queries.states[around] + self._rng.normal(0.0, _NOISE, (share, arm.dof))
-            random = self._rng.uniform(arm.lower, arm.upper, states.shape)
-            states = np.clip(states, arm.lower, arm.upper)
-            states[::2] = random[::2]
-            contact = self._rng.random(share) < 0.5
-            both = [
-                (len(group), compare(collision, exact, group, contact=kind))
-                for kind, group in _by_contact(states, contact)
-            ]
-            yield {
-                **self._entry(
-                    "agreement", [_agreement_counts(found, number) for number, found in both]
-                ),
-                "arm": arm.name,
-                "grasp": queries.holding.grasp,
-                "where": [q for _, found in both for q in found.disagreements.tolist()],
-            }
 
     def _choice(self, number: int, kept: int) -> npt.NDArray[np.int64]:
         """So many of range(number), in their order."""

@@ -1,4 +1,4 @@
-"""What the planner really asks its checks, its kinematics and its motion planner in a run."""
+"""The questions that the planner asks its checks and its kinematics in a run."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.plan_motion.transit import MotionPlanner
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.types import Array, Goal
+from placement_planner_ros.core.types import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,6 @@ class RecordingSettings:
     states: int = 4000
     edges: int = 1000
     poses: int = 600
-    goal_sets: int = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,14 +59,6 @@ class HeldQueries:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GoalSetQuery:
-    """One question to the motion planner: from q_0 to any of these goals."""
-
-    holding: Holding
-    goals: tuple[Goal, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """A random subset of one run's queries.
 
@@ -80,7 +70,6 @@ class Recording:
     problem: Problem
     settings: PlannerSettings
     held: tuple[HeldQueries, ...]
-    goal_sets: tuple[GoalSetQuery, ...]
     seen: dict[str, int]
 
 
@@ -91,10 +80,7 @@ class _Asked:
     states: list[tuple[ArmCollision, Array, bool]] = field(default_factory=list)
     edges: list[tuple[ArmCollision, Array, Array, bool]] = field(default_factory=list)
     poses: list[tuple[Holding, pin.SE3]] = field(default_factory=list)
-    goal_sets: list[tuple[tuple[str, int], tuple[Goal, ...]]] = field(default_factory=list)
     holdings: dict[int, Holding] = field(default_factory=dict)
-    goals: dict[tuple[str, int], list[Goal]] = field(default_factory=dict)
-    changed: set[tuple[str, int]] = field(default_factory=set)
 
     def state(
         self, checker: ArmCollision, q: Array, reserve: float = 0.0, contact: bool = False
@@ -122,30 +108,6 @@ class _Asked:
         self.holdings[id(holding.collision)] = holding
         self.poses.append((holding, T_world_object))
 
-    def added(self, _: MotionPlanner, goal: Goal) -> None:
-        """`MotionPlanner.add`."""
-        self.goals.setdefault((goal.arm, goal.grasp), []).append(goal)
-        self.changed.add((goal.arm, goal.grasp))
-
-    def retired(self, _: MotionPlanner, goal: Goal) -> None:
-        """`MotionPlanner.retire`."""
-        self._keep(lambda g: g is not goal)
-
-    def retired_up_to(self, _: MotionPlanner, bound: float) -> None:
-        """`MotionPlanner.retire_up_to`."""
-        self._keep(lambda g: g.objective > bound)
-
-    def planned(self, *_: object, **__: object) -> None:
-        """`MotionPlanner.plan`: goal sets as they stand, where goals have come."""
-        for key in sorted(self.changed):
-            if self.goals[key]:
-                self.goal_sets.append((key, tuple(self.goals[key])))
-        self.changed.clear()
-
-    def _keep(self, wanted: Callable[[Goal], bool]) -> None:
-        for key, goals in self.goals.items():
-            self.goals[key] = [g for g in goals if wanted(g)]
-
 
 @contextmanager
 def _noting_calls(asked: _Asked) -> Iterator[None]:
@@ -157,8 +119,7 @@ def _noting_calls(asked: _Asked) -> Iterator[None]:
 
         def method(self: object, *arguments: Any, **named: Any) -> Any:
             nonlocal inside
-            tells = not inside or kind is not ArmCollision
-            if tells:
+            if not inside or kind is not ArmCollision:
                 tell(self, *arguments, **named)
             if kind is not ArmCollision or inside:
                 return original(self, *arguments, **named)
@@ -176,10 +137,6 @@ def _noting_calls(asked: _Asked) -> Iterator[None]:
             (ArmCollision, "free_batch", asked.state),
             (ArmCollision, "edge_free", asked.edge),
             (Holding, "configurations", asked.pose),
-            (MotionPlanner, "add", asked.added),
-            (MotionPlanner, "retire", asked.retired),
-            (MotionPlanner, "retire_up_to", asked.retired_up_to),
-            (MotionPlanner, "plan", asked.planned),
         ):
             stack.enter_context(listened(kind, name, tell))
         yield
@@ -201,27 +158,25 @@ def record_queries(case: Case, first_seed: int, settings: RecordingSettings) -> 
         def enough(planner: PlacementPlanner = planner, ends: float = ends) -> bool:
             return planner.statistics.samples >= settings.samples or time.monotonic() > ends
 
-        asked.goals.clear()
         with _noting_calls(asked):
             for _ in planner.run(enough):
                 pass
-    kinds = ("states", "edges", "poses", "goal_sets")
+    kinds = ("states", "edges", "poses")
     seen = {kind: len(getattr(asked, kind)) for kind in kinds}
     rng = np.random.default_rng(first_seed)
     for kind in kinds:
         kept = np.sort(rng.permutation(seen[kind])[: getattr(settings, kind)])
         setattr(asked, kind, [getattr(asked, kind)[row] for row in kept])
-    holdings, held = _by_holding(asked)
-    for kind in kinds[:3]:
+    held = _by_holding(asked)
+    for kind in kinds:
         if not sum(len(getattr(queries, kind)) for queries in held):
             raise PlacementPlannerError(
                 f"{kind} of {case}", seen, "the runs asked for none: give them more samples"
             )
-    goal_sets = tuple(GoalSetQuery(holdings[key], goals) for key, goals in asked.goal_sets)
-    return Recording(case, problem, planner_settings, tuple(held), goal_sets, seen)
+    return Recording(case, problem, planner_settings, tuple(held), seen)
 
 
-def _by_holding(asked: _Asked) -> tuple[dict[tuple[str, int], Holding], list[HeldQueries]]:
+def _by_holding(asked: _Asked) -> list[HeldQueries]:
     """One arm with one grasp is alike in all runs: its first holding stands for all."""
     holdings: dict[tuple[str, int], Holding] = {}
     keys: dict[int, tuple[str, int]] = {}
@@ -243,4 +198,4 @@ def _by_holding(asked: _Asked) -> tuple[dict[tuple[str, int], Holding], list[Hel
                 tuple(pose for h, pose in asked.poses if (h.arm.name, h.grasp) == key),
             )
         )
-    return holdings, held
+    return held

@@ -90,12 +90,6 @@ def _none_wanted(what: str, value: float, detail: str) -> SpeedLine:
     return SpeedLine(what, value, 0.0, f"{value:.0f}", "0", detail)
 
 
-def _ratio_line(what: str, plain: Sequence[float], own: Sequence[float], detail: str) -> SpeedLine:
-    """Of medians; ten is wanted."""
-    ratio = median(plain) / median(own)
-    return SpeedLine(what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail)
-
-
 def _latency_lines(
     what: str, seconds: Sequence[float], limits: Mapping[int, float], detail: str
 ) -> list[SpeedLine]:
@@ -177,20 +171,6 @@ def _answers_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     )
     what = "the same answered to the end, against coal alone"
     return [_over_cases(what, ratios, 20.0, "x", detail)]
-
-
-def _agreement_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
-    lines = []
-    for scene, own in _by_scene(entries).items():
-        wrong, asked = _sum_of(own, "disagreements"), _sum_of(own, "queries")
-        detail = (
-            f"{asked:,.0f} configurations, {_share_of(_sum_of(own, 'free'), asked)} free, "
-            f"{_count_of(own, 'ties')} ties, {_count_of(own, 'contradictions')} where coal "
-            "contradicts itself or a ball lies in both of what it calls apart"
-        )
-        what = f"disagreements with the exact check, {scene}"
-        lines.append(_none_wanted(what, wrong, detail))
-    return lines
 
 
 def _edges_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
@@ -277,46 +257,6 @@ def _checked_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     return [_none_wanted(what, refused if checked else math.nan, detail)]
 
 
-def _plain_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
-    """Entries of the plain path, beside those of the same runs by the planner."""
-    stock = [e for e in entries if e["row"] == "plain"]
-    unsolved = sum(not e["solved"] for e in stock)
-    plain = [first_seconds(e, environment=False) for e in stock]
-    runs = {(e["case"], e["seed"]) for e in stock}
-    ours = (e for e in entries if e["row"] == "first" and (e["case"], e["seed"]) in runs)
-    own = [first_seconds(e, environment=False) for e in ours]
-    detail = (
-        f"{len(plain)} runs, {unsolved} unsolved at their limit; median {median(plain):.2f} s, "
-        f"95 % {percentile(plain, 95):.2f} s, beside {median(own):.2f} s and "
-        f"{percentile(own, 95):.2f} s of the same runs"
-    )
-    what = "first placement against uniform + RRTConnect + coal, medians"
-    return [_ratio_line(what, plain, own, detail)]
-
-
-def _goal_sets(entries: Sequence[Entry]) -> list[SpeedLine]:
-    seconds = [e["seconds"] for e in entries]
-    unsolved = sum(not e["solved"] for e in entries)
-    goals = median([e["goals"] for e in entries])
-    detail = (
-        f"{len(entries)} recorded queries, {unsolved} unsolved, {goals:g} goals in the median; "
-        f"median CPU {1e3 * median([e['cpu_seconds'] for e in entries]):.0f} ms"
-    )
-    limits = {50: 0.02, 95: 0.2}
-    lines = _latency_lines("planning to a goal set in a cabinet", seconds, limits, detail)
-    both = [e for e in entries if "plain_seconds" in e]
-    if both:
-        ours, plain = ([e[key] for e in both] for key in ("seconds", "plain_seconds"))
-        unsolved = sum(not e["plain_solved"] for e in both)
-        detail = (
-            f"{len(both)} of the queries, medians {1e3 * median(plain):,.0f} and "
-            f"{1e3 * median(ours):,.0f} ms; RRTConnect leaves {unsolved} unsolved at its limit"
-        )
-        what = "the same against RRTConnect with coal every 5 mm, medians"
-        lines.append(_ratio_line(what, plain, ours, detail))
-    return lines
-
-
 def _node_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     services = "node: answers of other services during a search"
     return [
@@ -370,15 +310,12 @@ def _memory_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
 _LINES: dict[str, Callable[[Sequence[Entry]], list[SpeedLine]]] = {
     "configurations": _configurations_lines,
     "answers": _answers_lines,
-    "agreement": _agreement_lines,
     "edges": _edges_lines,
     "ik": _kinematics_lines,
     "samples": _samples_lines,
     "clouds": _clouds_lines,
     "first": _first_lines,
     "checked": _checked_lines,
-    "plain": _plain_lines,
-    "goal_sets": _goal_sets,
     "node": _node_lines,
     "memory": _memory_lines,
     "load": _load_lines,
@@ -393,9 +330,8 @@ def lines_of(entries: Sequence[Entry]) -> list[SpeedLine]:
     """The table's lines, in its order; failed jobs count as a line that is not met."""
     lines: list[SpeedLine] = []
     for row, make in _LINES.items():
-        asked = (row, "first") if row == "plain" else (row,)  # which is compared with it
-        own = [e for e in entries if e["row"] in asked and "error" not in e]
-        if any(e["row"] == row for e in own):
+        own = [e for e in entries if e["row"] == row and "error" not in e]
+        if own:
             lines += make(own)
         failed = [e["error"] for e in entries if e["row"] == row and "error" in e]
         if failed:

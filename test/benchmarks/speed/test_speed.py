@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.baselines.exact_collision import ExactCollision
-from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, PlainPlanner, rrt_connect
-from benchmarks.cases import Case, make_problem
-from benchmarks.speed.picture import draw_speed
+from benchmarks.cases import Case
 from benchmarks.speed.queries import cpu_seconds
 from benchmarks.speed.recorder import Recording, RecordingSettings, record_queries
 from benchmarks.speed.rows import (
@@ -74,9 +71,9 @@ def test_how_a_figure_stands_to_its_target(value, target, higher, margin):
     assert line(value, target, higher).met == (margin >= 1.0)
 
 
-def first(case, seed, seconds, *, solved=True, row="first"):
+def first(case, seed, seconds, *, solved=True):
     return {
-        "row": row,
+        "row": "first",
         "case": case,
         "seed": seed,
         "limit": 10.0,
@@ -93,22 +90,6 @@ def test_a_run_without_a_placement_counts_at_its_limit():
     assert first_seconds(first("a", 0, 0.2), environment=True) == pytest.approx(0.7)
     assert first_seconds(first("a", 0, 0.1, solved=False), environment=False) == 10.0
     assert first_seconds(first("a", 0, 11.0, solved=False), environment=False) == 11.0
-
-
-def test_the_plain_path_places_by_coal_alone():
-    rng = np.random.default_rng(0)
-    problem, objective = make_problem(CASE, rng)
-    planner = PlainPlanner(problem, objective, STOCK_SETTINGS, rng)
-    placement = next(planner.run(lambda: planner.statistics.samples > 500))
-    assert placement.objective == pytest.approx(objective(placement.T_world_object))
-
-
-def test_the_plain_path_is_compared_on_the_same_runs():
-    entries = [first("a", seed, 0.1) for seed in range(3)] + [first("b", 0, 5.0)]
-    entries += [first("a", 0, 2.0, row="plain"), first("a", 1, 0.1, solved=False, row="plain")]
-    plain = next(line for line in lines_of(entries) if "RRTConnect" in line.what)
-    assert plain.value == pytest.approx((2.0 + 10.0) / 2 / 0.1)
-    assert "2 runs, 1 unsolved" in plain.detail
 
 
 def test_rates_and_ratios_are_medians_over_cases():
@@ -140,7 +121,7 @@ def test_the_slope_of_memory_leaves_out_the_beginning():
     assert math.isnan(slope_per_hour([0.0, 1.0], [1.0, 2.0]))
 
 
-def test_tables_and_picture_show_every_line():
+def test_tables_show_every_line():
     lines = [line(300.0, 100.0, True), line(math.nan, 5.0, True), line(1.0, 0.0, False)]
     text = speed_table(lines, [made_with(["edges"])])
     assert text.count("**no**") == 2
@@ -148,7 +129,6 @@ def test_tables_and_picture_show_every_line():
     assert "1 of 3 targets met" in text
     assert f"edges measured with: day {time.strftime('%Y')}" in text
     assert "numba" in text
-    assert draw_speed(lines, []).startswith(b"\x89PNG")
 
 
 @pytest.fixture(scope="module")
@@ -169,10 +149,6 @@ def test_recorded_queries_are_those_of_the_run(recording):
         assert len(queries.contact) == len(queries.states)
     starts = np.vstack([queries.edges[:, 0] for queries in recording.held])
     assert len(np.unique(starts.round(9), axis=0)) > 1
-    for query in recording.goal_sets:
-        assert query.goals
-        for goal in query.goals:
-            assert (goal.arm, goal.grasp) == (query.holding.arm.name, query.holding.grasp)
 
 
 def test_recording_leaves_the_checks_as_they_were(recording):
@@ -189,28 +165,8 @@ def test_the_sampling_rate_counts_every_sample_of_the_run():
     assert 0.0 < entry["seconds"] < entry["run_seconds"]
 
 
-def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
-    query = recording.goal_sets[0]
-    problem, holding = recording.problem, query.holding
-    exact = ExactCollision(holding.moving, holding.held, problem.environment.obstacles)
-    goals = [goal.q_raised for goal in query.goals]
-    ends = time.monotonic() + 20.0
-    path = rrt_connect(holding, goals, exact.edge_free, lambda: time.monotonic() > ends)
-    assert path is not None
-    np.testing.assert_allclose(path[0], holding.q_start)
-    assert min(np.abs(path[-1] - goal).max() for goal in goals) < 1e-9
-    asked = []
-
-    def never_free(a, b):
-        asked.append((a, b))
-        return False
-
-    assert rrt_connect(holding, goals, never_free, lambda: len(asked) > 50) is None
-    assert len(asked) > 50
-
-
 def test_the_command_on_one_case(tmp_path, capsys):
-    small = ["--runs", "1", "--samples", "150", "--agreement", "40"]
+    small = ["--runs", "1", "--samples", "150"]
     (tmp_path / "raw.jsonl").write_text(
         json.dumps({"row": MADE_WITH, "rows": ["samples", "ik"]})
         + "\n"
@@ -219,22 +175,19 @@ def test_the_command_on_one_case(tmp_path, capsys):
         + json.dumps({"row": "edges", "job": "old", "error": "of an earlier run"})
         + "\n"
     )
-    only = ["--rows", "configurations", "answers", "agreement", "edges", "ik"]
+    only = ["--rows", "configurations", "answers", "edges", "ik"]
     assert main(["speed", *only, *ONE_CASE, *small, "--output", str(tmp_path)]) == 0
     entries = [json.loads(text) for text in (tmp_path / "raw.jsonl").read_text().splitlines()]
     rows = {entry["row"] for entry in entries}
-    measured = {"configurations", "answers", "agreement", "edges", "ik"}
+    measured = {"configurations", "answers", "edges", "ik"}
     assert rows == {"samples", MADE_WITH} | measured
     assert [set(e["rows"]) for e in entries if e["row"] == MADE_WITH] == [{"samples"}, measured]
     assert not any("error" in entry for entry in entries)
-    asked = [entry for entry in entries if entry["row"] == "agreement"]
-    assert sum(entry["queries"] for entry in asked) >= 40
-    assert sum(entry["disagreements"] for entry in asked) == 0
+    assert sum(entry["disagreements"] for entry in entries if entry["row"] == "answers") == 0
     assert sum(entry["refuted"] for entry in entries if entry["row"] == "edges") == 0
     table = (tmp_path / "speed.md").read_text()
     assert "configurations per second" in table
     assert "goal samples tried per second" in table
-    assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert "[1/1, 0 s left]" in capsys.readouterr().out
 
 
@@ -253,7 +206,6 @@ def test_a_page_is_filled_between_its_marks(tmp_path, capsys):
     assert text.startswith("before\n<!-- figures -->\n\n| what |")
     assert text.endswith("<!-- end of figures -->\nafter\n")
     assert "old" not in text
-    assert (tmp_path / "images" / "speed.png").exists()
     once = text
     assert main(report) == 0
     assert page.read_text() == once
@@ -263,6 +215,6 @@ def test_rows_that_do_not_exist_or_have_nothing_to_measure(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["speed", "--rows", "edges", "wheels", "--output", str(tmp_path)])
     assert "wheels" in capsys.readouterr().err
-    arguments = ["speed", "--rows", "goal_sets", *ONE_CASE, "--output", str(tmp_path)]
-    assert main(arguments) == 2
-    assert "goal_sets" in capsys.readouterr().err
+    none = ["--scene", "table", "--object", "mug"]  # which is none of the paper's
+    assert main(["speed", "--rows", "first", *none, "--output", str(tmp_path)]) == 2
+    assert "first" in capsys.readouterr().err

@@ -78,12 +78,6 @@ class EdgeSpace:
 
         return solve
 
-    def simplified(self, path: Array) -> Array:
-        """A path (n, dof) after OMPL's simplifier has done all it can."""
-        geometric = ompl_path(self.information, path)
-        og.PathSimplifier(self.information).simplifyMax(geometric)
-        return path_joints(self.information, geometric)
-
 
 def state_of(information: ob.SpaceInformation, q: Array) -> ob.State:
     """Joint values (dof,) as a state of OMPL."""
@@ -96,14 +90,6 @@ def state_of(information: ob.SpaceInformation, q: Array) -> ob.State:
 def joints_of(information: ob.SpaceInformation, state: ob.State) -> Array:
     """(dof,) joint values of a state of OMPL."""
     return np.array([state[i] for i in range(information.getStateDimension())])
-
-
-def ompl_path(information: ob.SpaceInformation, path: Array) -> og.PathGeometric:
-    """A path (n, dof) as OMPL's."""
-    made = og.PathGeometric(information)
-    for q in path:
-        made.append(state_of(information, q))
-    return made
 
 
 def path_joints(information: ob.SpaceInformation, path: og.PathGeometric) -> Array:
