@@ -10,7 +10,7 @@ on its way straight down: c_f(x)), with `attached_object` for what the arm holds
 left behind.
 Kernels: `states`, `edges`, `hand` and `object_kernels` answer these questions with `against_boxes`
 (a body and the obstacle set), `against_robot` (two bodies) and `pair_tables` (two bodies that two
-joints move), all of which end in `separation` (two convex sets).
+joints move, made by `table_filling`), all of which end in `separation` (two convex sets).
 What they read: `shapes` and `spheres` from the robot's meshes, laid out by `arrays` and put in the
 world by `placing` and `placed_object`; the obstacle set from `boxes`.
 """

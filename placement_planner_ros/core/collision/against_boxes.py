@@ -14,12 +14,11 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_PART,
+    BODY_FIRST_SET,
     BODY_JOINT,
     NODE_SET,
     NODE_SKIP,
-    PART_FIRST_NODE,
-    SET_EXACT,
+    SET_FIRST_NODE,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
     SET_JOINT,
@@ -29,8 +28,7 @@ from placement_planner_ros.core.collision.arrays import (
 )
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_box
 from placement_planner_ros.core.collision.placing import (
-    note_undecided,
-    place_inner,
+    note_hit,
     place_planes,
     place_set,
 )
@@ -265,7 +263,7 @@ def open_leaves(
         FREE (but for the open leaves), COLLIDING, or UNDECIDED where only collisions were looked
         for; and how many leaves of the scratch are open.
     """
-    bodies, body_spheres, parts = arm.bodies, arm.body_spheres, arm.parts
+    bodies, body_spheres, sets = arm.bodies, arm.body_spheres, arm.sets
     nodes, spheres, inner = arm.nodes, arm.node_spheres, arm.node_inner
     frames, leaves, leaf_bound = scratch.frames, scratch.leaves, scratch.leaf_bound
     field_grid, field = boxes.field_grid, boxes.field
@@ -275,8 +273,8 @@ def open_leaves(
         if body == left_out:
             continue
         joint = bodies[body, BODY_JOINT]
-        first, last = bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]
-        # The sphere around all parts; that around a single one is the root of its tree.
+        first, last = bodies[body, BODY_FIRST_SET], bodies[body + 1, BODY_FIRST_SET]
+        # The sphere around all sets; that around a single one is the root of its tree.
         if last - first > 1:
             x, y, z = to_world(
                 frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
@@ -284,9 +282,9 @@ def open_leaves(
             lower, _ = distance_bounds(field_grid, field, x, y, z)
             if lower >= body_spheres[body, 3] + need + BOUND_TOLERANCE_M:
                 continue
-        # The trees of all parts in preorder.
-        node = parts[first, PART_FIRST_NODE]
-        end = parts[last, PART_FIRST_NODE]
+        # The trees of all sets in preorder.
+        node = sets[first, SET_FIRST_NODE]
+        end = sets[last, SET_FIRST_NODE]
         while node < end:
             # Bounds on the distance of the node's centre to all boxes.
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
@@ -300,8 +298,7 @@ def open_leaves(
             if upper < need:
                 # The ball inside the body is closer than `hit`.
                 if upper < hit:
-                    scratch.hit[0] = 2
-                    scratch.hit[1] = node
+                    note_hit(scratch, 2, node, 0)
                     return COLLIDING, count
                 # Part of the body is closer than `need`: only collisions can be found from here on.
                 result = UNDECIDED
@@ -470,36 +467,10 @@ def _set_meets_box(
         if answer == COLLIDING and short > hit:
             answer = UNDECIDED
         else:
-            answer = mesh_meets_box(arm, scratch, mesh, boxes.corners, box, need, hit)
+            answer = mesh_meets_box(arm, scratch, mesh, (boxes.corners, box), need, hit)
             scratch.work[5, 3] = -1.0
-        if answer == COLLIDING:
-            scratch.hit[0] = 0
-            scratch.hit[1] = s
-            scratch.hit[2] = box
-    elif answer == COLLIDING:
-        if sets[s, SET_EXACT] == 0:
-            # Certain where the copy that the shape contains collides too.
-            last = place_inner(arm, scratch, s, 0)
-            need_inner = hit + arm.radius[s]
-            answer = check_separation(
-                scratch.inner,
-                0,
-                last,
-                boxes.corners,
-                box,
-                box + 1,
-                need_inner,
-                need_inner,
-                scratch.work,
-            )
-            if answer == FREE:
-                answer = UNDECIDED
-        if answer == COLLIDING:
-            scratch.hit[0] = 0
-            scratch.hit[1] = s
-            scratch.hit[2] = box
-    if answer == UNDECIDED:
-        note_undecided(scratch.undecided, scratch.counters, 0, s, box)
+    if answer != FREE:
+        note_hit(scratch, 0, s, box)
     return answer
 
 
@@ -515,7 +486,7 @@ def open_leaves_meet_boxes(
     and the set itself.
 
     Once `need` cannot be kept any more, only collisions are looked for. What is left UNDECIDED is
-    noted in the scratch.
+    noted as `hit`.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
     nodes, counters, bounds = arm.nodes, scratch.counters, scratch.bounds
@@ -610,7 +581,7 @@ def body_meets_boxes(
 ) -> int:
     """One moving body against the obstacle set: FREE from `need` on, COLLIDING below `hit`.
 
-    What is left UNDECIDED is noted in the scratch.
+    What is left UNDECIDED is noted as `hit`.
     """
     # First the field, then the boxes in reach of what it leaves open.
     answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, need, hit)

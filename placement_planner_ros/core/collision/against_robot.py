@@ -12,14 +12,12 @@ import numpy as np
 
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_PART,
+    BODY_FIRST_SET,
     PAIR_INNER,
     PAIR_OUTER,
     PAIR_OUTWARD,
     PAIR_SLOT,
     PAIR_TABLE,
-    PART_SET,
-    SET_EXACT,
     SET_FIRST_VERTEX,
     SET_JOINT,
     SET_MESH,
@@ -29,7 +27,7 @@ from placement_planner_ros.core.collision.arrays import (
 )
 from placement_planner_ros.core.collision.pair_tables import apart_within
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_set, placed_meshes_meet
-from placement_planner_ros.core.collision.placing import note_undecided, place_inner, place_set
+from placement_planner_ros.core.collision.placing import note_hit, place_set
 from placement_planner_ros.core.collision.separation import (
     BOUND_TOLERANCE_M,
     COLLIDING,
@@ -94,32 +92,9 @@ def _sets_meet(
     # out.
     if answer != FREE and covers:
         return COVERS_MEET if short <= hit or answer != COLLIDING else UNDECIDED
-    if answer == COLLIDING and (sets[a, SET_EXACT] == 0 or sets[b, SET_EXACT] == 0):
-        # Certain where the copies that the shapes contain collide too.
-        last_a = place_inner(arm, scratch, a, 0)
-        last_b = place_inner(arm, scratch, b, last_a)
-        answer = check_separation(
-            scratch.inner,
-            0,
-            last_a,
-            scratch.inner,
-            last_a,
-            last_b,
-            hit + radius,
-            hit + radius,
-            work,
-        )
-        if answer == FREE:
-            answer = UNDECIDED
-    if answer == COLLIDING:
-        scratch.hit[0] = 1
-        scratch.hit[1] = a
-        scratch.hit[2] = b
-        return COLLIDING
     if answer != FREE:
-        note_undecided(scratch.undecided, scratch.counters, 1, a, b)
-        return UNDECIDED
-    return FREE
+        note_hit(scratch, 1, a, b)
+    return answer
 
 
 @kernel(inline=True)
@@ -235,12 +210,8 @@ def _meshes_meet(
     else:
         s = b if mesh >= 0 else a
         answer = mesh_meets_set(arm, scratch, max(mesh, other), s, need, hit)
-    if answer == COLLIDING:
-        scratch.hit[0] = 1
-        scratch.hit[1] = a
-        scratch.hit[2] = b
-    elif answer == UNDECIDED:
-        note_undecided(scratch.undecided, scratch.counters, 1, a, b)
+    if answer != FREE:
+        note_hit(scratch, 1, a, b)
     return answer
 
 
@@ -248,33 +219,32 @@ def _meshes_meet(
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies: FREE if they keep `need`, COLLIDING if they are closer than `hit`.
 
-    What is left UNDECIDED is noted in the scratch. Once `need` cannot be kept any more, only
+    What is left UNDECIDED is noted as `hit`. Once `need` cannot be kept any more, only
     collisions are looked for.
     """
-    bodies, parts, sets, bounds = arm.bodies, arm.parts, arm.sets, scratch.bounds
-    body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
+    bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
+    body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
     # The bodies of the pair, and where the directions of their parts are remembered.
     a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
     fixed = a >= arm.moving
     slot = arm.pairs[pair, PAIR_SLOT]
-    first_b, last_b = bodies[b, BODY_FIRST_PART], bodies[b + 1, BODY_FIRST_PART]
+    first_b, last_b = bodies[b, BODY_FIRST_SET], bodies[b + 1, BODY_FIRST_SET]
     result = FREE
     apart = apart_other = -1
-    # Parts of the one against all of the other, then against its parts.
-    for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
+    # Sets of the one against all of the other, then against its sets.
+    for s in range(bodies[a, BODY_FIRST_SET], bodies[a + 1, BODY_FIRST_SET]):
         slot += last_b - first_b
-        # The part's ball against the ball around all of the other body.
-        x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
-        near = spheres[p, 3] + need + BOUND_TOLERANCE_M
+        # The set's ball against the ball around all of the other body.
+        x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
+        near = spheres[s, 3] + need + BOUND_TOLERANCE_M
         dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
         reach = near + body_spheres[b, 3]
         if dx * dx + dy * dy + dz * dz > reach * reach:
             continue
-        s = parts[p, PART_SET]
-        for o in range(first_b, last_b):
+        for t in range(first_b, last_b):
             # Ball against ball.
-            dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
-            reach = near + spheres[o, 3]
+            dx, dy, dz = x - spheres[t, 0], y - spheres[t, 1], z - spheres[t, 2]
+            reach = near + spheres[t, 3]
             square = dx * dx + dy * dy + dz * dz
             if square > reach * reach:
                 continue
@@ -282,23 +252,22 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 # Centres lie inside: `need` cannot be kept. Look for a collision, if there can be.
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
-                reach = near + spheres[o, 3]
+                near = spheres[s, 3] + need + BOUND_TOLERANCE_M
+                reach = near + spheres[t, 3]
                 if square > reach * reach:
                     continue
             if fixed:
                 # The box around a fixed set is known for good, and tighter than its ball.
-                dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
-                dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
-                dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
-                reach = spheres[o, 3] + need + BOUND_TOLERANCE_M
+                dx = max(bounds[s, 0] - spheres[t, 0], 0.0, spheres[t, 0] - bounds[s, 3])
+                dy = max(bounds[s, 1] - spheres[t, 1], 0.0, spheres[t, 1] - bounds[s, 4])
+                dz = max(bounds[s, 2] - spheres[t, 2], 0.0, spheres[t, 2] - bounds[s, 5])
+                reach = spheres[t, 3] + need + BOUND_TOLERANCE_M
                 if dx * dx + dy * dy + dz * dz > reach * reach:
                     continue
-            # The convex sets of both parts.
-            t = parts[o, PART_SET]
-            answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
+            # Both convex sets.
+            answer = _solids_meet(arm, scratch, s, t, slot - last_b + t, need, hit)
             if answer == COVERS_MEET:
-                # The meshes as wholes, once for all of their parts; of a set without, only it.
+                # The meshes as wholes, once for all of their sets; of a set without, only it.
                 mesh, other = sets[s, SET_MESH], sets[t, SET_MESH]
                 if mesh == apart and other == apart_other and mesh >= 0 and other >= 0:
                     continue
@@ -311,7 +280,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
             if answer == UNDECIDED:
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
+                near = spheres[s, 3] + need + BOUND_TOLERANCE_M
     return result
 
 

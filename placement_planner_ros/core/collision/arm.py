@@ -18,8 +18,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arrays import (
-    PART_FIRST_NODE,
-    PART_SET,
+    SET_FIRST_NODE,
     SET_JOINT,
     ArmArrays,
     FlatArm,
@@ -31,7 +30,7 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject,
 from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, check_edge
-from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
+from placement_planner_ros.core.collision.hand import hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import (
     object_in_hand,
@@ -39,8 +38,9 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
-from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, COLLIDING, FREE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
+from placement_planner_ros.core.collision.table_filling import with_pair_tables
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
@@ -170,8 +170,6 @@ class ArmCollision:
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
-        # What the wrist's pose decides alone.
-        self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObjectRows | None = None
         if isinstance(load, PlacedObject):
@@ -270,8 +268,7 @@ class ArmCollision:
     ) -> bool:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
-        Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`hand`).
+        Hand and fingers against the obstacle set and the robot at rest (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
@@ -279,17 +276,13 @@ class ArmCollision:
         """
         # The margins, less what inverse kinematics may miss.
         margin, self_margin = self._margins(reserve)
-        middles, moved = self._wrist.intervals(margin - slack)
         return hand_collides(
             self._flat.arrays,
             self._boxes,
             self._scratch,
             T_world_tip @ self._T_tip_joint,
-            margin - slack,
-            self_margin - slack,
+            (margin - slack, self_margin - slack),
             contact,
-            middles,
-            margin - slack - moved,
         )
 
     def edge_free(
@@ -409,14 +402,14 @@ class ArmCollision:
         return settings.collision_margin + reserve, settings.self_margin + kept
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
-        """A collision at q, or what is not certain to be free of one, as `ArmScratch.hit`."""
+        """`ArmScratch.hit` at q; None where it is free."""
         answer = self._classified(q, *self._margins(reserve), contact)[0]
         if answer == NOT_FINITE:
             raise _not_finite(q)
         if answer == FREE:
             return None
-        found = self._scratch.hit if answer == COLLIDING else self._scratch.undecided[0]
-        return int(found[0]), int(found[1]), int(found[2])
+        kind, a, b = self._scratch.hit.tolist()
+        return kind, a, b
 
     def _part(self, s: int) -> tuple[Solid, coal.Transform3s]:
         body = self._flat.bodies[self._flat.set_body[s]]
@@ -430,8 +423,7 @@ class ArmCollision:
     def _ball_in_box(self, node: int) -> tuple[int, int, int]:
         """Which set meets which box, where the ball inside a sphere is known to meet one."""
         arrays, corners = self._flat.arrays, self._boxes.corners
-        part = int(np.searchsorted(arrays.parts[:, PART_FIRST_NODE], node, "right")) - 1
-        s = int(arrays.parts[part, PART_SET])
+        s = int(np.searchsorted(arrays.sets[:, SET_FIRST_NODE], node, "right")) - 1
         frame = self._scratch.frames[arrays.sets[s, SET_JOINT]]
         center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
         away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
@@ -473,7 +465,7 @@ def _flat_arm(
     Args:
         grasp: index into the arm's grasps; None where the body stands at the world's origin.
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
-        excess, clear: as for `lay_out_arm`.
+        excess, clear: as for `lay_out_arm` and `with_pair_tables`.
     """
     # The robot with the arm's joints at zero.
     q = np.frombuffer(q_zero)
@@ -498,7 +490,8 @@ def _flat_arm(
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
     held = HELD_OBJECT if body is not None and grasp is not None else None
-    return lay_out_arm(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
+    chain = Chain.from_robot(robot, arm, q)
+    return with_pair_tables(lay_out_arm(chain, bodies, held, pairs, excess), chain, clear)
 
 
 @weak_lru_cache("robot", maxsize=_REMEMBERED_ARMS)

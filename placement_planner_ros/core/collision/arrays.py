@@ -22,32 +22,26 @@ from placement_planner_ros.core.collision.body_rows import (
     body_rows,
 )
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
-from placement_planner_ros.core.collision.pair_tables import (
-    CELL_RAD,
-    PairTables,
-    TablePair,
-    TableShape,
-    pair_tables,
-)
+from placement_planner_ros.core.collision.pair_tables import PairTables
+from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
 
 
-BODY_JOINT, BODY_FIRST_PART = 0, 1
-PART_FIRST_NODE, PART_SET = 0, 1
+BODY_JOINT, BODY_FIRST_SET = 0, 1
 NODE_SKIP, NODE_SET = 0, 1
-SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT, SET_MESH = 0, 1, 2, 3, 4
+SET_FIRST_NODE, SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_MESH = 0, 1, 2, 3, 4
 MESH_TREE, MESH_JOINT = 0, 1
 PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
 """Columns of the tables of `ArmArrays`."""
 
 
 class ArmArrays(NamedTuple):
-    """What the kernels read: n joints, b bodies, p parts, k spheres, s sets, g meshes, c pairs.
+    """What the kernels read: n joints, b bodies, s convex sets, k spheres, g meshes, c pairs.
 
-    A part is one convex set: a solid link, or one of the sets that cover a mesh.
+    A set is a solid link, or one of those that cover a mesh.
 
     A range belonging to row i of a table runs from its `FIRST` column to that of row i + 1. Spheres
     are centre and radius. Joint n + 1 stands for the world.
@@ -61,22 +55,17 @@ class ArmArrays(NamedTuple):
     held: int
     """The held object's body, -1 without one."""
     bodies: Indices
-    """(b + 1, 2) joint, first part."""
+    """(b + 1, 2) joint, first set."""
     body_spheres: Array
     """(b, 4) bounding spheres in the joint's frame."""
-    parts: Indices
-    """(p + 1, 2) first node, set."""
-    part_spheres: Array
-    """(p, 4)."""
     nodes: Indices
     """(k, 2) next node not below, set of a leaf (-1 above leaves)."""
     node_spheres: Array
     """(k, 4)."""
     node_inner: Array
-    """(k,) radius of a ball around the sphere's centre that the part holds, -inf without one."""
+    """(k,) radius of a ball around the sphere's centre that the shape holds, -inf without one."""
     sets: Indices
-    """(s + 1, 5) first vertex, first plane, joint, whether it is exact (1), contains its shape and
-    is contained by it when scaled (0), or only contains it (-1), mesh that it covers, or -1."""
+    """(s + 1, 5) first node, first vertex, first plane, joint, mesh that it covers, or -1."""
     radius: Array
     """(s,) that each set is dilated by."""
     excess: Array
@@ -84,8 +73,6 @@ class ArmArrays(NamedTuple):
     vertices: Array
     planes: Array
     """(f, 4) normal and offset."""
-    inner: Array
-    """(s, 4) of sets that are not exact: what they are scaled about, and by."""
     meshes: Indices
     """(g, 2) tree in `trees`, joint."""
     mesh_frames: Array
@@ -104,7 +91,7 @@ class ArmScratch(NamedTuple):
     """(n + 2, 4, 4) T_world_joint with the axis along z, the tip, the world."""
     body_spheres: Array
     """(b, 4) in the world, as all that follow."""
-    part_spheres: Array
+    set_spheres: Array
     vertices: Array
     planes: Array
     bounds: Array
@@ -117,24 +104,20 @@ class ArmScratch(NamedTuple):
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
-    """Configuration, visit, number of undecided pairs."""
+    """Configuration, visit."""
     leaves: Indices
     """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
     leaf_bound: Array
     work: Array
-    inner: Array
-    """(2 v, 3) scaled copies of two sets."""
     mesh_points: Array
-    """(v, 3) of what is held against a mesh, in its frame; `mesh_frame` (4, 4), and `stack` (., 2),
-    pairs of nodes that wait."""
-    mesh_frame: Array
-    stack: Indices
+    """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
+    another, and of that one in the first."""
+    mesh_frames: Array
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
-    undecided: Indices
-    """(., 3) kind (0 box, 1 set), set, box or set."""
     hit: Indices
-    """(3,) the like of the collision found, or kind 2 and a sphere whose inner ball meets a box."""
+    """(3,) of the collision found, or what was last left undecided: kind (0 box, 1 set, 2 a sphere
+    whose inner ball meets a box), set or sphere, box or set."""
     bound: Array
     """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
     bound_straight: Array
@@ -151,6 +134,7 @@ class FlatArm:
         directions: how many to remember.
         bodies: in the order of the arrays.
         set_body, set_part: (s,) body of each set, and its part among the body's.
+        rows: of each body.
         joint_frames: T_world_joint with all joints at zero, axis along z.
     """
 
@@ -159,7 +143,14 @@ class FlatArm:
     bodies: tuple[CollisionBody, ...]
     set_body: Indices
     set_part: Indices
+    rows: tuple[BodyRows, ...]
     joint_frames: tuple[pin.SE3, ...]
+
+    def digest(self, body: int) -> str:
+        """Of the shape of a body, in its joint's frame."""
+        rows = self.rows[body]
+        meshes = [tree.digest for tree in rows.meshes]
+        return digest_of(rows.vertices, rows.radius, rows.mesh_frames, *meshes)
 
 
 def lay_out_arm(
@@ -168,7 +159,6 @@ def lay_out_arm(
     held: str | None,
     pairs: Iterable[tuple[str, str]],
     excess: float,
-    clear: float,
 ) -> FlatArm:
     """Lay out an arm.
 
@@ -178,7 +168,6 @@ def lay_out_arm(
         held: name of the held object's body.
         pairs: names of bodies to keep apart; pairs that cannot move to each other are dropped.
         excess: how far the finest covering spheres may stick out, metres.
-        clear: what tables of pairs certify, metres.
     """
     # The bodies' rows, each in the frame of its joint with all joints at zero.
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
@@ -207,7 +196,6 @@ def lay_out_arm(
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
     # Room for a direction for each pair of parts.
     sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
-    table_of, tables = _tables_of_pairs(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
@@ -215,14 +203,16 @@ def lay_out_arm(
         held=number[held] if held is not None else -1,
         pairs=np.array(
             [
-                (a, b, slot, ordered[a].joint + 1, row)
-                for (a, b), slot, row in zip(
-                    between, itertools.accumulate(sizes, initial=0), table_of, strict=False
+                (a, b, slot, ordered[a].joint + 1, -1)
+                for (a, b), slot in zip(
+                    between, itertools.accumulate(sizes, initial=0), strict=False
                 )
             ],
             dtype=np.int64,
         ).reshape(-1, 5),
-        tables=tables,
+        tables=PairTables(
+            np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.bool_)
+        ),
         **_stacked_bodies(rows, joints),
     )
     return FlatArm(
@@ -231,6 +221,7 @@ def lay_out_arm(
         tuple(ordered),
         np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows]),
         np.concatenate([each.set_part for each in rows]),
+        tuple(rows),
         tuple(joint_frames),
     )
 
@@ -238,54 +229,6 @@ def lay_out_arm(
 def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     """T_joint_world of the joint that a body belongs to, with all joints at zero."""
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
-
-
-def _tables_of_pairs(
-    chain: Chain,
-    bodies: list[CollisionBody],
-    joint_frames: list[pin.SE3],
-    pairs: list[tuple[int, int]],
-    clear: float,
-) -> tuple[list[int], PairTables]:
-    """Table of each pair, -1 where it has none, and the tables."""
-    tabled: list[TablePair] = []
-    rows = []
-    for a, b in pairs:
-        # Joints between both bodies.
-        inner, outer = bodies[a], bodies[b]
-        joints = slice(inner.joint + 1, outer.joint + 1)
-        lower, upper = chain.lower[joints], chain.upper[joints]
-        fixed = chain.fixed[joints]
-        if len(lower) == 1:
-            # A second joint at the same place, which stays where it is.
-            lower, upper = np.append(lower, -0.5 * CELL_RAD), np.append(upper, -0.5 * CELL_RAD)
-            fixed = np.concatenate([fixed, np.eye(4)[None]])
-        # A table for rigid links up to two turning joints apart, with limits.
-        if (
-            len(lower) == 2
-            and inner.rigid
-            and outer.rigid
-            and not chain.prismatic[joints].any()
-            and np.isfinite([*lower, *upper]).all()
-        ):
-            tabled.append(
-                TablePair(
-                    _table_shapes(inner, joint_frames),
-                    _table_shapes(outer, joint_frames),
-                    fixed.tobytes(),
-                    tuple(lower.tolist()),
-                    tuple(upper.tolist()),
-                )
-            )
-            rows.append(len(tabled) - 1)
-        else:
-            rows.append(-1)
-    return rows, pair_tables(tuple(tabled), clear)
-
-
-def _table_shapes(body: CollisionBody, joint_frames: list[pin.SE3]) -> tuple[TableShape, ...]:
-    T_joint_world = _at_zero(body, joint_frames)
-    return tuple(TableShape.of(p.shape, T_joint_world * p.T_world_part) for p in body.parts)
 
 
 def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
@@ -299,7 +242,6 @@ def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatAr
         vertices=arrays.vertices.copy(),
         planes=arrays.planes.copy(),
         node_spheres=arrays.node_spheres.copy(),
-        part_spheres=arrays.part_spheres.copy(),
         body_spheres=arrays.body_spheres.copy(),
         mesh_frames=arrays.mesh_frames.copy(),
     )
@@ -328,7 +270,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     return ArmScratch(
         frames=frames,
         body_spheres=a.body_spheres.copy(),
-        part_spheres=a.part_spheres.copy(),
+        set_spheres=a.node_spheres[a.sets[:-1, SET_FIRST_NODE]],
         vertices=a.vertices.copy(),
         planes=a.planes.copy(),
         bounds=bounds,
@@ -336,16 +278,13 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         plane=np.full(sets, -1, dtype=np.int64),
         box_stamp=np.zeros(boxes, dtype=np.int64),
-        counters=np.zeros(3, dtype=np.int64),
+        counters=np.zeros(2, dtype=np.int64),
         leaves=np.zeros(len(a.nodes), dtype=np.int64),
         leaf_bound=np.zeros(len(a.nodes)),
         work=np.zeros((6, 4)),
-        inner=np.zeros((2 * int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
-        mesh_frame=np.zeros((4, 4)),
-        stack=np.zeros((256, 2), dtype=np.int64),
+        mesh_frames=np.zeros((3, 4, 4)),
         direction=np.zeros((flat.directions, 6)),
-        undecided=np.zeros((256, 3), dtype=np.int64),
         hit=np.zeros(3, dtype=np.int64),
         bound=np.zeros((a.moving, joints + 1)),
         bound_straight=np.zeros((a.moving, joints + 1)),
@@ -364,29 +303,25 @@ def _stacked_bodies(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]
     number = {tree: i for i, tree in enumerate(trees)}
     of = [joint for joint, each in zip(joints, bodies, strict=True) for _ in each.meshes]
     # Numbers of other rows, counted on from the body's first.
-    parts, nodes, sets = [], [], []
+    nodes, sets = [], []
     for i, each in enumerate(bodies):
-        node, part, vertex, plane, mesh = begins[i].tolist()
-        parts.append(np.add(each.parts, (node, part)))
+        first_set, node, vertex, plane, mesh = begins[i].tolist()
         skip, leaf = each.nodes.T
-        nodes.append(np.column_stack([skip + node, np.where(leaf >= 0, leaf + part, -1)]))
-        first_vertex, first_plane, exact, covers = each.sets.T
+        nodes.append(np.column_stack([skip + node, np.where(leaf >= 0, leaf + first_set, -1)]))
+        covers = each.sets[:, 3]
         on = np.where(covers >= 0, covers + mesh, -1)
         joint = np.full(len(covers), joints[i])
-        sets.append(np.column_stack([first_vertex + vertex, first_plane + plane, joint, exact, on]))
-    node, part, vertex, plane, _ = begins[-1].tolist()
+        sets.append(np.column_stack([each.sets[:, :3] + (node, vertex, plane), joint, on]))
+    _, node, vertex, plane, _ = begins[-1].tolist()
     return {
-        "bodies": np.column_stack([[*joints, 0], begins[:, 1]]).astype(np.int64),
+        "bodies": np.column_stack([[*joints, 0], begins[:, 0]]).astype(np.int64),
         "body_spheres": np.array([each.sphere for each in bodies]),
-        "parts": np.vstack([*parts, (node, part)]),
-        "part_spheres": np.vstack([each.part_spheres for each in bodies]),
         "nodes": np.vstack(nodes),
         "node_spheres": np.vstack([each.node_spheres for each in bodies]),
         "node_inner": np.concatenate([each.node_inner for each in bodies]),
-        "sets": np.vstack([*sets, (vertex, plane, 0, 0, -1)]),
+        "sets": np.vstack([*sets, (node, vertex, plane, 0, -1)]),
         "radius": np.concatenate([each.radius for each in bodies]),
         "excess": np.concatenate([each.excess for each in bodies]),
-        "inner": np.vstack([each.inner for each in bodies]),
         "meshes": np.array(
             [(number[tree], joint) for tree, joint in zip(carried, of, strict=True)],
             dtype=np.int64,

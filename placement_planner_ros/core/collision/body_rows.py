@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshTree
-from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
 from placement_planner_ros.core.robot.surface import Solid
 from placement_planner_ros.core.stopping import step
@@ -48,27 +48,23 @@ class CollisionBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyRows:
-    """Rows of a body's p parts, k spheres, s sets (one a part), g meshes, in its joint's frame.
+    """Rows of a body's k spheres, s sets, g meshes, in its joint's frame.
 
     As in `arrays.ArmArrays`, but that each number of another row counts from the body's first.
 
     Attributes:
         sphere: (4,) around all of it.
-        parts: (p, 2) first node, set.
-        part_spheres: (p, 4).
         nodes: (k, 2) next node not below, set of a leaf or -1.
         node_spheres: (k, 4); `node_inner` (k,).
-        sets: (s, 4) first vertex, first plane, exactness, mesh or -1.
+        sets: (s, 4) first node, first vertex, first plane, mesh or -1.
         set_part: (s,) the body's part, as `CollisionBody.parts` has it, that each is of.
-        radius, excess: (s,); `inner` (s, 4).
+        radius, excess: (s,).
         vertices: (v, 3); `planes` (f, 4).
         meshes: trees; `mesh_frames` (g, 4, 4) T_joint_mesh.
         extent: metres along the world's axes with all joints at zero, added up.
     """
 
     sphere: Array
-    parts: Indices
-    part_spheres: Array
     nodes: Indices
     node_spheres: Array
     node_inner: Array
@@ -76,7 +72,6 @@ class BodyRows:
     set_part: Indices
     radius: Array
     excess: Array
-    inner: Array
     vertices: Array
     planes: Array
     meshes: tuple[MeshTree, ...]
@@ -85,9 +80,31 @@ class BodyRows:
 
     @property
     def ends(self) -> tuple[int, int, int, int, int]:
-        """How many nodes, parts, vertices, planes and meshes."""
-        nodes, parts, meshes = len(self.nodes), len(self.parts), len(self.meshes)
-        return nodes, parts, len(self.vertices), len(self.planes), meshes
+        """How many sets, nodes, vertices, planes and meshes."""
+        sets, nodes, meshes = len(self.sets), len(self.nodes), len(self.meshes)
+        return sets, nodes, len(self.vertices), len(self.planes), meshes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlacedSet:
+    """A convex set of a body's part with the spheres around it, at T in the body's joint."""
+
+    part: int
+    mesh: int
+    excess: float
+    convex: ConvexSet
+    tree: SphereTree
+    T: pin.SE3
+
+    def moved(self, points: Array) -> Array:
+        """(n, 3) points of the set's frame in the joint's."""
+        return np.asarray(points @ self.T.rotation.T + self.T.translation)
+
+    @property
+    def planes(self) -> Array:
+        """(f, 4) in the joint's frame."""
+        normals = self.convex.normals @ self.T.rotation.T
+        return np.column_stack([normals, self.convex.offsets + normals @ self.T.translation])
 
 
 @weak_lru_cache("body", maxsize=2)
@@ -99,94 +116,44 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyR
         excess: how far the finest covering spheres may stick out, metres; ten times that of
             what does not move.
     """
+    # Every convex set of every part, and the meshes that they cover.
     placed = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
-    rows = _GrowingRows()
+    meshes: list[tuple[MeshTree, Array]] = []
+    sets: list[_PlacedSet] = []
     for number, part in enumerate(body.parts):
         step(f"covering {body.name} with spheres")
-        spheres = sphere_trees(part.shape, excess if body.joint >= 0 else 10 * excess)
-        rows.add(part.shape, spheres, placed * part.T_world_part, number)
-    return rows.end(_summed_extent(body))
-
-
-def _summed_extent(body: CollisionBody) -> float:
-    """Metres along the three axes of the body's parts, added up."""
-    corners = np.vstack(
-        [
-            convex.vertices @ part.T_world_part.rotation.T + part.T_world_part.translation
-            for part in body.parts
-            for convex in part.shape.sets
-        ]
-    )
-    return float(np.ptp(corners, axis=0).sum())
-
-
-class _GrowingRows:
-    """Rows of a body as they grow."""
-
-    def __init__(self) -> None:
-        self.parts: list[tuple[int, int]] = []
-        self.nodes: list[Indices] = []
-        self.node_spheres: list[Array] = []
-        self.node_inner: list[Array] = []
-        self.sets: list[tuple[int, int, int, int]] = []
-        self.set_part: list[int] = []
-        self.radius: list[float] = []
-        self.excess: list[float] = []
-        self.inner: list[tuple[float, float, float, float]] = []
-        self.vertices: list[Array] = []
-        self.planes: list[Array] = []
-        self.meshes: list[MeshTree] = []
-        self.mesh_frames: list[Array] = []
-        self.counts = [0, 0, 0]
-        """Nodes, vertices, planes so far."""
-
-    def add(self, shape: Shape, trees: tuple[SphereTree, ...], T: pin.SE3, part: int) -> None:
-        """Add a shape with the spheres around each of its sets, at T in the body's joint."""
-        mesh = -1
+        T, shape = placed * part.T_world_part, part.shape
         if shape.mesh is not None:
-            mesh = len(self.meshes)
-            self.meshes.append(shape.mesh)
-            self.mesh_frames.append(T.homogeneous)
+            meshes.append((shape.mesh, T.homogeneous))
+        mesh = len(meshes) - 1 if shape.mesh is not None else -1
+        trees = sphere_trees(shape, excess if body.joint >= 0 else 10 * excess)
         for convex, tree in zip(shape.sets, trees, strict=True):
-            nodes, vertices, planes = self.counts
-            number = len(self.sets)
-            self.parts.append((nodes, number))
-            self.nodes.append(np.column_stack([tree.skip + nodes, np.where(tree.leaf, number, -1)]))
-            self.node_spheres.append(
-                np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
-            )
-            self.node_inner.append(tree.inner)
-            exact = int(convex.inner_scale == 1.0) - int(convex.inner_scale == 0.0)
-            self.sets.append((vertices, planes, exact, mesh))
-            self.set_part.append(part)
-            center = T.act(np.array(convex.inner_center))
-            self.inner.append((*center.tolist(), convex.inner_scale))
-            normals = convex.normals @ T.rotation.T
-            self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
-            self.planes.append(np.column_stack([normals, convex.offsets + normals @ T.translation]))
-            self.radius.append(convex.radius)
-            self.excess.append(shape.excess)
-            more = len(tree.radii), len(convex.vertices), len(convex.offsets)
-            self.counts = [a + b for a, b in zip(self.counts, more, strict=True)]
-
-    def end(self, extent: float) -> BodyRows:
-        vertices = np.vstack(self.vertices)
-        center, radius = bounding_sphere(vertices)
-        return BodyRows(
-            sphere=np.append(center, radius + (max(self.radius) + 1e-9)),
-            parts=np.array(self.parts, dtype=np.int64),
-            part_spheres=np.array([spheres[0] for spheres in self.node_spheres]),
-            nodes=np.vstack(self.nodes),
-            node_spheres=np.vstack(self.node_spheres),
-            node_inner=np.concatenate(self.node_inner),
-            sets=np.array(self.sets, dtype=np.int64),
-            set_part=np.array(self.set_part, dtype=np.int64),
-            radius=np.array(self.radius),
-            excess=np.array(self.excess),
-            inner=np.array(self.inner),
-            vertices=vertices,
-            planes=np.vstack(self.planes),
-            meshes=tuple(self.meshes),
-            mesh_frames=np.array(self.mesh_frames).reshape(-1, 4, 4),
-            extent=extent,
-        )
+            sets.append(_PlacedSet(number, mesh, shape.excess, convex, tree, T))
+    # Where the rows of each set begin.
+    sizes = [(len(s.tree.radii), len(s.convex.vertices), len(s.convex.offsets)) for s in sets]
+    first = np.vstack([np.zeros((1, 3), dtype=np.int64), np.cumsum(sizes, axis=0)[:-1]])
+    vertices = np.vstack([s.moved(s.convex.vertices) for s in sets])
+    radius = np.array([s.convex.radius for s in sets])
+    center, around = bounding_sphere(vertices)
+    return BodyRows(
+        sphere=np.append(center, around + (radius.max() + 1e-9)),
+        nodes=np.vstack(
+            [
+                np.column_stack([s.tree.skip + node, np.where(s.tree.leaf, row, -1)])
+                for row, (s, node) in enumerate(zip(sets, first[:, 0], strict=True))
+            ]
+        ),
+        node_spheres=np.vstack(
+            [np.column_stack([s.moved(s.tree.centers), s.tree.radii]) for s in sets]
+        ),
+        node_inner=np.concatenate([s.tree.inner for s in sets]),
+        sets=np.column_stack([first, [s.mesh for s in sets]]),
+        set_part=np.array([s.part for s in sets]),
+        radius=radius,
+        excess=np.array([s.excess for s in sets]),
+        vertices=vertices,
+        planes=np.vstack([s.planes for s in sets]),
+        meshes=tuple(tree for tree, _ in meshes),
+        mesh_frames=np.array([frame for _, frame in meshes]).reshape(-1, 4, 4),
+        extent=float(np.ptp((vertices - placed.translation) @ placed.rotation, axis=0).sum()),
+    )

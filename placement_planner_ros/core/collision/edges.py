@@ -25,7 +25,7 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     ArmScratch,
 )
-from placement_planner_ros.core.collision.placing import is_finite, place_all_spheres, place_joints
+from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.collision.states import NOT_FINITE
 from placement_planner_ros.core.kernels import kernel
@@ -151,7 +151,7 @@ def check_edge(
     Returns:
         FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
     """
-    if not (is_finite(a) and is_finite(b) and is_finite(deviation)):
+    if not np.isfinite(a.sum() + b.sum() + deviation.sum()):
         return NOT_FINITE
     pairs, bound = arm.pairs, scratch.bound
     queue, settled = work
@@ -180,7 +180,6 @@ def check_edge(
         for item in range(items):
             if settled[head, item]:
                 continue
-            scratch.counters[2] = 0
             # A body against the obstacle set, its motion added to the margin.
             if item < arm.moving:
                 need = limits.margin + bound[item, 0]

@@ -18,14 +18,9 @@ from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
-Singles = npt.NDArray[np.float32]
 
 _LEAF_TRIANGLES = 4
 """Triangles in a leaf, at most."""
-
-_SINGLE = 1e-6, 1e-7
-"""Share, and metres, that turned boxes are larger by than what they hold: as float32, their axes
-are off by a tenth of that share."""
 
 
 class MeshArrays(NamedTuple):
@@ -43,9 +38,6 @@ class MeshArrays(NamedTuple):
     """(m + 1,)."""
     boxes: Array
     """(k, 6) box around what is below each node, lower then upper corner."""
-    turned: Singles
-    """(k, 16) box around the same, turned as fits it best: three axes one after the other, its
-    middle, half of its extent along each axis, and half of its diagonal."""
     leaves: Indices
     """(l + 1,) first triangle of each leaf."""
     corners: Array
@@ -62,7 +54,6 @@ class MeshTree:
 
     Attributes:
         boxes: (k, 6).
-        turned: (k, 16).
         leaves: (l + 1,).
         corners: (3 t, 3).
         closed: (t,).
@@ -71,7 +62,6 @@ class MeshTree:
     """
 
     boxes: Array
-    turned: Singles
     leaves: Indices
     corners: Array
     closed: npt.NDArray[np.bool_]
@@ -79,7 +69,7 @@ class MeshTree:
     digest: bytes = b""
 
     def __post_init__(self) -> None:
-        arrays = self.boxes, self.turned, self.leaves, self.corners, self.closed, self.components
+        arrays = self.boxes, self.leaves, self.corners, self.closed, self.components
         for array in arrays:
             array.setflags(write=False)
         if not self.digest:
@@ -104,7 +94,6 @@ class MeshTree:
         point = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
         return cls(
             boxes=frozen_array(_tree_boxes(corners, leaves), (-1, 6)),
-            turned=_turned_boxes(corners, leaves),
             leaves=leaves,
             corners=frozen_array(corners.reshape(-1, 3)),
             closed=solid[label[order]] & ~point,
@@ -158,69 +147,6 @@ def _tree_boxes(corners: Array, leaves: Indices) -> Array:
     return np.vstack(levels[::-1])
 
 
-def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
-    """(k, 16) turned boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3).
-
-    Their axes are those in which the corners spread, or those of the mesh where that box is smaller
-    by its surface. Extents are measured along the axes as rounded, so that rounding leaves nothing
-    out.
-    """
-    # Sums of the corners and their products, and their span, for each leaf.
-    points = corners.reshape(-1, 3)
-    away = points - points.mean(axis=0)  # about their common middle
-    squares = (away[:, :, None] * away[:, None, :]).reshape(-1, 9)
-    first = 3 * leaves
-    sums = np.hstack([np.add.reduceat(each, first[:-1]) for each in (away, squares)])
-    low, high = (each.reduceat(points, first[:-1]) for each in (np.minimum, np.maximum))
-    levels = []
-    while True:
-        # Principal axes of each node's corners.
-        mean, square = np.split(sums / np.diff(first)[:, None], [3], axis=1)
-        spread = square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
-        own = np.linalg.eigh(spread)[1].transpose(0, 2, 1)
-        # The box along these, or along the mesh's own axes, whichever has less surface.
-        made = [_boxes_around(points, first, own), _along_axes(low, high)]
-        surfaces = [h[:, 0] * h[:, 1] + h[:, 1] * h[:, 2] + h[:, 2] * h[:, 0] for *_, h in made]
-        better = (surfaces[0] < surfaces[1])[:, None]
-        axes, middle, half = (np.where(better, *pair) for pair in zip(*made, strict=True))
-        radius = np.linalg.norm(half, axis=1, keepdims=True)
-        levels.append(np.hstack([axes, middle, half, radius]))
-        if len(first) == 2:
-            return np.vstack(levels[::-1]).astype(np.float32)
-        # Two nodes each make one of the level above.
-        first = np.append(first[:-1:2], first[-1])
-        sums = sums[::2] + sums[1::2]
-        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
-
-
-def _boxes_around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, Array]:
-    """Boxes along `axes` (n, 3, 3), in rows, around points that begin at `first` (n + 1,): the axes
-    (n, 9), middles and half extents (n, 3), all as float32 can have them."""
-    # The corners of each node along its axes, with a last one repeated.
-    axes = axes.astype(np.float32).astype(np.float64)
-    sizes = np.diff(first)[:, None]  # of a level they differ by a triangle
-    rows = first[:-1, None] + np.minimum(np.arange(sizes.max()), sizes - 1)
-    along = axes @ points[rows].transpose(0, 2, 1)
-    low, high = along.min(axis=2), along.max(axis=2)
-    # The middle, rounded, and what the box then reaches from there.
-    middle = np.einsum("nij,ni->nj", axes, 0.5 * (low + high)).astype(np.float32)
-    middle = middle.astype(np.float64)
-    at = np.einsum("nij,nj->ni", axes, middle)
-    return axes.reshape(-1, 9), middle, _half_extents(low, high, at)
-
-
-def _along_axes(low: Array, high: Array) -> tuple[Array, Array, Array]:
-    """`_boxes_around` along the mesh's own axes, around corners low and high (n, 3)."""
-    middle = (0.5 * (low + high)).astype(np.float32).astype(np.float64)
-    axes = np.broadcast_to(np.eye(3).ravel(), (len(low), 9))
-    return axes, middle, _half_extents(low, high, middle)
-
-
-def _half_extents(low: Array, high: Array, middle: Array) -> Array:
-    """Half extents (n, 3) about middles that reach from low to high, and beyond for rounding."""
-    return np.maximum(high - middle, middle - low) * (1.0 + _SINGLE[0]) + _SINGLE[1]
-
-
 def shared_arrays(trees: tuple[MeshTree, ...]) -> MeshArrays:
     """`mesh_arrays`, remembered, since they are the largest part of a robot, as long as the last
     tree is there, which is the object's where there is one."""
@@ -239,7 +165,6 @@ def mesh_arrays(trees: Sequence[MeshTree]) -> MeshArrays:
         first_leaf=_first_rows([len(tree.leaves) - 1 for tree in trees]),
         first_component=_first_rows([len(tree.components) for tree in trees]),
         boxes=_stacked_rows([tree.boxes for tree in trees], 6),
-        turned=np.vstack([np.zeros((0, 16), np.float32), *(tree.turned for tree in trees)]),
         leaves=np.concatenate(
             [np.zeros(0, dtype=np.int64)]
             + [

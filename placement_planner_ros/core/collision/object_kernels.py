@@ -24,7 +24,7 @@ from placement_planner_ros.core.collision.against_boxes import (
     layer_range,
     polytope_meets_box,
 )
-from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
+from placement_planner_ros.core.collision.against_mesh import box_corner, mesh_meets_hull
 from placement_planner_ros.core.collision.meshes import MeshArrays, mesh_arrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
@@ -162,9 +162,10 @@ def _mesh_meets_box(
     # Corners of the box, swept downward instead of the mesh upward, in the object's frame.
     box = scratch.box
     for row in range(8):
-        dx = corners[b, 0 if row & 1 == 0 else 3] - T[0, 3]
-        dy = corners[b, 1 if row & 2 == 0 else 4] - T[1, 3]
-        dz = (corners[b, 2] - raised if row & 4 == 0 else corners[b, 5]) - T[2, 3]
+        x, y, z = box_corner(corners, b, row)
+        dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+        if row & 4 == 0:
+            dz -= raised
         for i in range(3):
             box[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
     # The mesh as it is against the hull of these corners.

@@ -12,9 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_PART,
-    PART_FIRST_NODE,
-    PART_SET,
+    BODY_FIRST_SET,
+    SET_FIRST_NODE,
     SET_FIRST_VERTEX,
     SET_MESH,
     ArmScratch,
@@ -37,21 +36,20 @@ class PlacedObjectRows:
     def __init__(
         self, flat: FlatArm, scratch: ArmScratch, name: str, T_world_object: pin.SE3
     ) -> None:
-        # Rows of the object's parts, spheres, sets and vertices.
+        # Rows of the object's sets, spheres and vertices.
         body = [b.name for b in flat.bodies].index(name)
         self.T_world_object = T_world_object
         arrays = flat.arrays
-        parts = slice(*arrays.bodies[body : body + 2, BODY_FIRST_PART].tolist())
-        nodes, sets = (
-            slice(*arrays.parts[[parts.start, parts.stop], column].tolist())
-            for column in (PART_FIRST_NODE, PART_SET)
+        sets = slice(*arrays.bodies[body : body + 2, BODY_FIRST_SET].tolist())
+        nodes, vertices = (
+            slice(*arrays.sets[[sets.start, sets.stop], column].tolist())
+            for column in (SET_FIRST_NODE, SET_FIRST_VERTEX)
         )
-        vertices = slice(*arrays.sets[[sets.start, sets.stop], SET_FIRST_VERTEX].tolist())
         # Tables whose points move with the object, and the boxes around its sets.
         self._groups = [
             [arrays.vertices[vertices], scratch.vertices[vertices]],
             [arrays.node_spheres[nodes, :3]],
-            [arrays.part_spheres[parts, :3], scratch.part_spheres[parts, :3]],
+            [scratch.set_spheres[sets, :3]],
             [t[body : body + 1, :3] for t in (arrays.body_spheres, scratch.body_spheres)],
         ]
         self._bounds = scratch.bounds[sets]

@@ -5,28 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_PART,
+    BODY_FIRST_SET,
     BODY_JOINT,
+    SET_FIRST_NODE,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
     SET_JOINT,
     ArmArrays,
     ArmScratch,
-    Indices,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.types import Array
 
 
-@kernel(lean=True)
-def is_finite(q: Array) -> bool:
-    """Whether every number of q (n,) is finite."""
-    # A sum is finite only if all its terms are.
-    total = 0.0
-    for j in range(q.shape[0]):
-        total += q[j]
-    return bool(np.isfinite(total))
+@kernel(inline=True)
+def note_hit(scratch: ArmScratch, kind: int, a: int, b: int) -> None:
+    """Say in `ArmScratch.hit` what meets what."""
+    scratch.hit[0], scratch.hit[1], scratch.hit[2] = kind, a, b
 
 
 @kernel(inline=True)
@@ -39,25 +35,26 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
 
 @kernel(inline=True)
 def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
-    """Bounding spheres of a moving body and of its parts, its joint's frame being placed."""
+    """Bounding spheres of a moving body and of its sets, its joint's frame being placed."""
     frames, bodies = scratch.frames, arm.bodies
     local, world = arm.body_spheres, scratch.body_spheres
-    part_local, part_world = arm.part_spheres, scratch.part_spheres
+    nodes, set_world = arm.node_spheres, scratch.set_spheres
     joint = bodies[body, BODY_JOINT]
     # The ball around the body.
     world[body, 0], world[body, 1], world[body, 2] = to_world(
         frames, joint, local[body, 0], local[body, 1], local[body, 2]
     )
-    # The balls around its parts.
-    for part in range(bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]):
-        part_world[part, 0], part_world[part, 1], part_world[part, 2] = to_world(
-            frames, joint, part_local[part, 0], part_local[part, 1], part_local[part, 2]
+    # The balls around its sets, the first of their trees.
+    for s in range(bodies[body, BODY_FIRST_SET], bodies[body + 1, BODY_FIRST_SET]):
+        node = arm.sets[s, SET_FIRST_NODE]
+        set_world[s, 0], set_world[s, 1], set_world[s, 2] = to_world(
+            frames, joint, nodes[node, 0], nodes[node, 1], nodes[node, 2]
         )
 
 
 @kernel(lean=True)
 def place_all_spheres(arm: ArmArrays, scratch: ArmScratch) -> None:
-    """Bounding spheres of all moving bodies and their parts."""
+    """Bounding spheres of all moving bodies and their sets."""
     for body in range(arm.moving):
         place_spheres(arm, scratch, body)
 
@@ -87,23 +84,6 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         bounds[s, i + 3] = high + radius
 
 
-@kernel(lean=True)
-def place_inner(arm: ArmArrays, scratch: ArmScratch, s: int, first: int) -> int:
-    """Put the scaled copy of convex set s, placed, from row `first` of `inner` on; its end."""
-    frames, joint = scratch.frames, arm.sets[s, SET_JOINT]
-    # The centre that the copy shrinks towards.
-    scale = arm.inner[s, 3]
-    x, y, z = to_world(frames, joint, arm.inner[s, 0], arm.inner[s, 1], arm.inner[s, 2])
-    # Each vertex, drawn towards it.
-    row = first
-    for v in range(arm.sets[s, SET_FIRST_VERTEX], arm.sets[s + 1, SET_FIRST_VERTEX]):
-        scratch.inner[row, 0] = x + scale * (scratch.vertices[v, 0] - x)
-        scratch.inner[row, 1] = y + scale * (scratch.vertices[v, 1] - y)
-        scratch.inner[row, 2] = z + scale * (scratch.vertices[v, 2] - z)
-        row += 1
-    return row
-
-
 @kernel(inline=True)
 def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""
@@ -122,15 +102,3 @@ def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
             moved[v, i] = n
             offset += n * frames[joint, i, 3]
         moved[v, 3] = offset
-
-
-@kernel(lean=True)
-def note_undecided(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
-    """Add a row to `ArmScratch.undecided`; where it is full, only count."""
-    # Filled rows are no more than the array has.
-    n = counters[2]
-    if n < undecided.shape[0]:
-        undecided[n, 0] = kind
-        undecided[n, 1] = a
-        undecided[n, 2] = b
-    counters[2] = n + 1

@@ -3,12 +3,11 @@
 A convex set is the hull of its vertices, dilated by a radius (a sphere is one dilated point, a
 capsule two). A mesh (the robot model has already made convex ones into polytopes) is covered by a
 few sets that contain it, and has its triangles beside them. Curved shapes without such a form
-(cylinder, cone, ellipsoid) are enclosed by a polytope, a smaller copy of which they contain.
+(cylinder, cone, ellipsoid) are taken for a polytope that encloses them.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -36,17 +35,12 @@ class ConvexSet:
         normals, offsets: (p, 3), (p,) face planes n·x ≤ d of the hull, merged; empty where it has
             no volume.
         radius: metres.
-        inner_scale: the shape contains the copy of the set that this scales about `inner_center`; 1
-            where the set is the shape itself, 0 where it only contains (a part of) it.
-        inner_center: (3,) metres.
     """
 
     vertices: Array
     normals: Array
     offsets: Array
     radius: float = 0.0
-    inner_scale: float = 1.0
-    inner_center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", frozen_array(self.vertices, (-1, 3)))
@@ -69,36 +63,21 @@ class Shape:
     excess: float = 0.0
 
 
-def convex_polytope(
-    vertices: Array,
-    radius: float = 0.0,
-    inner_scale: float = 1.0,
-    inner_center: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> ConvexSet:
+def convex_polytope(vertices: Array, radius: float = 0.0) -> ConvexSet:
     """The hull of (m, 3) vertices with its merged face planes, remembered.
 
     Raises:
         QhullError: the vertices span no volume.
     """
-    data = np.array(vertices, dtype=np.float64).tobytes()
-    return _made_polytope(data, radius, inner_scale, inner_center)
+    return _made_polytope(np.array(vertices, dtype=np.float64).tobytes(), radius)
 
 
 @lru_cache(maxsize=4096)
-def _made_polytope(
-    data: bytes, radius: float, inner_scale: float, inner_center: tuple[float, float, float]
-) -> ConvexSet:
+def _made_polytope(data: bytes, radius: float) -> ConvexSet:
     vertices = np.frombuffer(data).reshape(-1, 3)
     hull = ConvexHull(vertices)
     planes = merge_planes(hull.equations)
-    return ConvexSet(
-        vertices[np.sort(hull.vertices)],
-        planes[:, :3],
-        -planes[:, 3],
-        radius,
-        inner_scale,
-        inner_center,
-    )
+    return ConvexSet(vertices[np.sort(hull.vertices)], planes[:, :3], -planes[:, 3], radius)
 
 
 def merge_planes(equations: Array) -> Array:
@@ -128,13 +107,12 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
     none = np.zeros((0, 3)), np.zeros(0)
     if isinstance(geometry, coal.Sphere):
         _require_positive(name, geometry.radius)
-        return _coal_solid(ConvexSet(np.zeros((1, 3)), *none, geometry.radius + radius))
+        return Shape((ConvexSet(np.zeros((1, 3)), *none, geometry.radius + radius),))
     if isinstance(geometry, coal.Capsule):
         _require_positive(name, geometry.radius)
         ends = np.array([[0, 0, -geometry.halfLength], [0, 0, geometry.halfLength]])
-        return _coal_solid(ConvexSet(ends, *none, geometry.radius + radius))
-    scale, center = 1.0, (0.0, 0.0, 0.0)
-    # Vertices of the others, and by how much they shrink to lie within.
+        return Shape((ConvexSet(ends, *none, geometry.radius + radius),))
+    # Vertices of the others.
     if isinstance(geometry, coal.Box):
         vertices = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * geometry.halfSide
     elif isinstance(geometry, coal.ConvexBase):
@@ -143,18 +121,14 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, rim + up])
-        scale = math.cos(math.pi / _ROUND_SIDES)
     elif isinstance(geometry, coal.Cone):
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, up])
-        # About its base: moved towards that, a point of a cone stays in it.
-        scale, center = math.cos(math.pi / _ROUND_SIDES), (0.0, 0.0, -float(geometry.halfLength))
     elif isinstance(geometry, coal.Ellipsoid):
         ball = trimesh.creation.icosphere(subdivisions=2)
         inscribed = np.min(np.einsum("ij,ij->i", ball.face_normals, ball.triangles_center))
         vertices = np.asarray(ball.vertices) / inscribed * geometry.radii
-        scale = float(inscribed)
     else:
         raise RobotError(
             f"collision geometry of {name}",
@@ -164,9 +138,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
     try:
-        return _coal_solid(
-            convex_polytope(vertices, radius, scale * (1.0 - 1e-9) if scale < 1.0 else 1.0, center)
-        )
+        return Shape((convex_polytope(vertices, radius),))
     except (QhullError, ValueError) as error:
         raise RobotError(
             f"collision geometry of {name}",
@@ -199,12 +171,8 @@ def _mesh_shape(geometry: coal.BVHModelBase, name: str, cover: Cover | None) -> 
 
 def covered_mesh(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
     """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it."""
-    sets = tuple(convex_polytope(part, inner_scale=0.0) for part in cover.parts)
+    sets = tuple(convex_polytope(part) for part in cover.parts)
     return Shape(sets, MeshTree.of(vertices, triangles), cover.excess)
-
-
-def _coal_solid(convex_set: ConvexSet) -> Shape:
-    return Shape((convex_set,))
 
 
 def _circumscribed_polygon(radius: float) -> Array:

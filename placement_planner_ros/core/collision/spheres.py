@@ -15,11 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
-from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -66,7 +65,7 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     # Few vertices: made at once, others from disk.
     if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _QUICK_VERTICES:
         return make()
-    sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
+    sets = tuple((s.vertices, s.radius) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
     return stored_result("sphere trees", key, make)
 
@@ -75,17 +74,14 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
     volume = len(convex.offsets) > 0
     # Spheres around the convex set.
     tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
-    if convex.inner_scale == 1.0:
+    if shape.mesh is None:
         return tree
+    # Balls of a cover's spheres that lie inside the mesh itself, as far as that is closed.
+    corners, closed = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.closed
     inner = np.full(len(tree.radii), -np.inf)
-    if convex.inner_scale > 0.0:
-        # The ball in the set, scaled like it, holds a smaller one about the same centre.
-        apart = np.linalg.norm(tree.centers - convex.inner_center, axis=1)
-        inner = convex.inner_scale * tree.inner - (1.0 - convex.inner_scale) * apart
-    # Balls inside the mesh itself.
-    if shape.mesh is not None:
-        inside_of_mesh(mesh_arrays([shape.mesh]), tree.centers, inner)
-        inner -= _PADDING_M
+    if closed.any():
+        away, _ = TriangleTree.of(corners[closed], closed=True).distances(tree.centers, np.inf)
+        inner[away < 0.0] = -away[away < 0.0] - _PADDING_M
     return replace(tree, inner=frozen_array(inner))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
     open_leaves,
@@ -9,7 +11,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 )
 from placement_planner_ros.core.collision.against_robot import pair_meets
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, Indices
-from placement_planner_ros.core.collision.placing import is_finite, place_all_spheres, place_joints
+from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
@@ -32,7 +34,7 @@ def check_states(
     """Whether configurations Q (m, n) keep their margins; `answers` (m,) is filled.
 
     FREE and COLLIDING are certain, as they rest on certain answers for each body and each pair.
-    What the last configuration leaves UNDECIDED is in the scratch.
+    What the last configuration meets, or leaves UNDECIDED, is the scratch's `hit`.
 
     Args:
         contact: leave out the held object against the obstacle set.
@@ -40,12 +42,10 @@ def check_states(
     moving = arm.moving if boxes.number > 0 else 0
     left_out = arm.held if contact else -1
     for i in range(Q.shape[0]):
-        if not is_finite(Q[i]):
+        if not np.isfinite(Q[i].sum()):
             answers[i] = NOT_FINITE
             continue
-        # Place the arm; what stays undecided is counted anew.
         place_joints(arm, scratch, Q[i])
-        scratch.counters[2] = 0
         # The field of distances is asked for all bodies first: most collisions are found there.
         result, count = open_leaves(arm, boxes, scratch, 0, moving, left_out, margin, margin)
         # The boxes in reach of what the field leaves open.

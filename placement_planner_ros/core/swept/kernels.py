@@ -9,19 +9,18 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
 from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_PART,
+    BODY_FIRST_SET,
     BODY_JOINT,
     MESH_TREE,
     NODE_SET,
     NODE_SKIP,
-    PART_FIRST_NODE,
+    SET_FIRST_NODE,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
     SET_MESH,
     ArmArrays,
     Indices,
 )
-from placement_planner_ros.core.collision.hand import spread_stride
 from placement_planner_ros.core.collision.separation import FREE, check_separation
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
@@ -130,8 +129,8 @@ def mark_cubes(path: SweptPath, beyond: float, cubes: SweptCubes) -> None:
         # The tree of spheres around the pieces of each body.
         for body in range(arm.moving):
             joint = arm.bodies[body, BODY_JOINT]
-            node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
-            last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
+            node = arm.sets[arm.bodies[body, BODY_FIRST_SET], SET_FIRST_NODE]
+            last = arm.sets[arm.bodies[body + 1, BODY_FIRST_SET], SET_FIRST_NODE]
             while node < last:
                 # A large sphere that is not a leaf: look at those below it.
                 if spheres[node, 3] > _COARSE_RADIUS_M and nodes[node, NODE_SET] < 0:
@@ -285,8 +284,8 @@ def _near_body(path: SweptPath, k: int, body: int, at: Point, need: float, work:
     z = F[0, 2] * dx + F[1, 2] * dy + F[2, 2] * dz
     nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
     # Down the tree of spheres.
-    node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
-    last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
+    node = arm.sets[arm.bodies[body, BODY_FIRST_SET], SET_FIRST_NODE]
+    last = arm.sets[arm.bodies[body + 1, BODY_FIRST_SET], SET_FIRST_NODE]
     while node < last:
         # Too far from the sphere: skip all that is below it.
         far = spheres[node, 3] + need
@@ -360,10 +359,7 @@ def find_hit(
     """The first point that a body comes too near to, of `fewest` that lie together, and the body;
     or -1."""
     count = points.shape[0]
-    # From here and there, so that a few of many are met soon.
-    stride = spread_stride(count)
-    for visit in range(count):
-        row = (visit * stride) % count
+    for row in range(count):
         # The body that comes too near to the point, if one does.
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         body = _body_at(path, cubes, (x, y, z), margin, work)

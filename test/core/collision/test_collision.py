@@ -15,7 +15,6 @@ from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.edges import bound_motion
-from placement_planner_ros.core.collision.hand import WristTurns
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
@@ -407,74 +406,12 @@ def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
         T = ik.chain.forward_batch(Q)
         sure = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
         assert not checker.free_batch(Q[sure], 0.001, contact=True).any()
-        checker._wrist = WristTurns(np.inf, -1.0, 1.0)
-        by_hand = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
-        assert (sure >= by_hand).all()
-        by_wrist = sure & ~by_hand
-        assert by_hand.sum() > 100
-        assert by_wrist.sum() > 20
-        for poses in (T[by_hand][:40], T[by_wrist][:40]):
-            starts = ik.random_seeds(rng, (len(poses), 32))
-            solutions, counts = ik.solve_batch(poses, starts)
-            for found, count in zip(solutions, counts, strict=True):
-                assert not checker.free_batch(found[:count], 0.001, contact=True).any()
-            assert counts.sum() > 5 * len(poses)
-
-
-SWINGING = """
-<robot name="swinging">
-  <link name="base"/>
-  <link name="bar"><collision><origin xyz="0.15 0 0"/>
-    <geometry><box size="0.3 0.02 0.02"/></geometry></collision></link>
-  <link name="tip"/>
-  <joint name="j1" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-  <joint name="j2" type="revolute"><parent link="bar"/><child link="tip"/><axis xyz="0 0 1"/>
-    <limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/></joint>
-</robot>
-"""
-
-
-def ring_with_a_gap(width):
-    """A sheet around the swinging bar that leaves free what is within width / 2 of the x axis."""
-    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.33, 0.3301, 0.0025)] * 2))
-    y = y + np.where(y >= 0.0, 1.0, -1.0) * width / 2
-    radius = np.hypot(x, y)
-    kept = (radius > 0.2) & (radius < 0.33)
-    points = np.column_stack([x, y, np.zeros(len(x))])[kept]
-    return ObstacleSet.from_points(points, GridSettings(cell_size=0.005), bounds=0.4 * BOUNDS)
-
-
-def test_the_wrist_is_not_said_to_collide_where_it_fits_between_two_intervals():
-    settings = CollisionSettings(collision_margin=0.004)
-    for room, sure in ((-0.0002, True), (0.0005, False)):
-        obstacles = ring_with_a_gap(0.02 + 2 * (0.004 + room))
-        for shift in np.linspace(0.0, 0.024, 8):
-            urdf = SWINGING.format(lower=-2.5 + shift, upper=2.4 + shift)
-            robot = Robot.from_urdf(urdf)
-            checker = ArmCollision(
-                MovingArm(robot, robot.arm("arm", "tip"), np.zeros(2)), None, obstacles, settings
-            )
-            assert checker.free(np.zeros(2)) == (not sure)
-            assert not checker.free(np.array([0.01, -0.01]))
-            if not sure:
-                assert not checker.hand_collides(np.eye(4), 1e-4)
-    solid = ring_with_a_gap(0.0)
-    assert ArmCollision(
-        MovingArm(robot, robot.arm("arm", "tip"), np.zeros(2)), None, solid, settings
-    ).hand_collides(np.eye(4), 1e-4)
-
-
-def test_intervals_of_the_wrist_cover_its_range_within_the_margin():
-    for lower, upper in ((-1.0, 2.0), (-4.0, 4.0)):
-        middles, moved = WristTurns(0.1, lower, upper).intervals(0.004)
-        half = moved / 0.1
-        assert moved < 0.004
-        assert middles[0] - half <= lower + 1e-12
-        assert middles[-1] + half >= min(upper, lower + 2 * np.pi) - 1e-12
-        assert np.diff(middles).max() <= 2 * half + 1e-12
-    for radius, margin in ((np.inf, 0.004), (0.1, 0.0), (0.1, 1e-5)):
-        assert len(WristTurns(radius, -4.0, 4.0).intervals(margin)[0]) == 0
+        assert sure.sum() > 100
+        poses = T[sure][:40]
+        solutions, counts = ik.solve_batch(poses, ik.random_seeds(rng, (len(poses), 32)))
+        for found, count in zip(solutions, counts, strict=True):
+            assert not checker.free_batch(found[:count], 0.001, contact=True).any()
+        assert counts.sum() > 5 * len(poses)
 
 
 def test_margin_is_kept_to_the_hair(slider):
@@ -565,7 +502,6 @@ def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):
     assert not checker.free(np.array([face - 0.2 - 0.00299, 0.0]))
     assert checker.free(np.array([face - 0.2 * 1.005 - 0.00301, 0.0]))
     close = np.array([face - 0.2 - 0.0031, 0.0])  # beside the rim, within the polygon around it
-    assert checker.classify(close)[0] == UNDECIDED
     assert not checker.free(close)
     assert checker.explain(close).startswith("ball meets the environment at (0.4")
 

@@ -8,8 +8,6 @@ import trimesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.collision.hand import WristTurns, _place_before
-from placement_planner_ros.core.collision.placing import place_joints
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -29,14 +27,14 @@ WRIST = """
   <joint name="j1" type="revolute"><parent link="base"/><child link="fore"/><axis xyz="0 1 0"/>
     <origin xyz="0.1 0.2 0.3" rpy="0.3 -0.2 0.5"/>
     <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-  <joint name="j2" type="{kind}"><parent link="fore"/><child link="ball"/><axis xyz="0 0 1"/>
+  <joint name="j2" type="revolute"><parent link="fore"/><child link="ball"/><axis xyz="0 0 1"/>
     <origin xyz="0.05 0.02 0.3"/><limit lower="-1.5" upper="2" velocity="1" effort="1"/></joint>
 </robot>
 """
 
 
-def checker_for(kind="revolute", points=None, body=None, **settings):
-    robot = Robot.from_urdf(WRIST.format(kind=kind), srdf="<robot name='wrist'/>")
+def checker_for(points=None, body=None, **settings):
+    robot = Robot.from_urdf(WRIST, srdf="<robot name='wrist'/>")
     grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.06]))
     arm = robot.arm("arm", "ball", grasps=[grasp], touch_links=["ball", "fore"])
     points = np.zeros((0, 3)) if points is None else points
@@ -50,39 +48,6 @@ def at(x, yaw=0.0):
     """The tip at (x, 0, 0), turned somehow; the ball does not care."""
     R = pin.utils.rotate("z", yaw) @ pin.utils.rotate("x", 0.7)
     return np.ascontiguousarray(pin.SE3(R, np.array([x, 0.0, 0.0])).homogeneous)
-
-
-def test_the_wrist_reaches_as_far_from_the_last_axis_as_its_furthest_corner():
-    checker, _ = checker_for()
-    turns = checker._wrist
-    # Of the box, the corners behind; the sphere does not reach that far.
-    assert turns.radius == pytest.approx(np.hypot(0.2 + 0.05, 0.03 + 0.02))
-    assert (turns.lower, turns.upper) == (-1.5, 2.0)
-    sliding, _ = checker_for("prismatic")
-    assert sliding._wrist.radius == np.inf
-
-
-def test_intervals_divide_the_range_evenly():
-    for lower, upper, span in ((-1.5, 2.0, 3.5), (-4.0, 4.0, 2.0 * np.pi)):
-        middles, moved = WristTurns(0.25, lower, upper).intervals(0.01)
-        assert moved == pytest.approx(0.009)
-        number = int(np.ceil(span * 0.25 / (2.0 * moved)))
-        assert middles == pytest.approx(lower + span * (np.arange(number) + 0.5) / number)
-    # No more than so many are worth it.
-    radius = 2.0 * 256 * 0.009 / 3.5
-    assert len(WristTurns(radius * (1 - 1e-9), -1.5, 2.0).intervals(0.01)[0]) == 256
-    assert len(WristTurns(radius * (1 + 1e-9), -1.5, 2.0).intervals(0.01)[0]) == 0
-
-
-def test_the_joint_before_the_last_stands_where_the_chain_puts_it():
-    checker, _ = checker_for()
-    arrays, scratch = checker._flat.arrays, checker._scratch
-    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2)):
-        place_joints(arrays, scratch, q)
-        before, last = scratch.frames[0].copy(), scratch.frames[1].copy()
-        scratch.frames[:2] = 7.0
-        _place_before(arrays, scratch, last, q[1])
-        assert scratch.frames[0, :3] == pytest.approx(before[:3], abs=1e-12)
 
 
 @pytest.mark.parametrize("reserve", [0.0, 0.0001, 0.001])
