@@ -48,7 +48,8 @@ _INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found and drawn."""
     options = _read_options(arguments)
-    signal.signal(signal.SIGTERM, _raise_interrupt)
+    for each in (signal.SIGINT, signal.SIGTERM):  # a shell's background job ignores the first
+        signal.signal(each, _raise_interrupt)
     line = ProgressLine(pause=5.0)
     try:
         _demonstrate(options, line)
