@@ -4,7 +4,7 @@
 cells, and tight boxes around them) and `denoising` (lone points, noisy surfaces);
 `flying_pixels` is what cameras put into the air, `visibility` the space that no sensor has seen.
 `planes` are the slopes of what was measured, `layers` its surfaces as rasters of one height, made
-by `transforms` (distances) and `granulometry` (what is a gap); `support` answers s(x) in them,
-`regions` are the placement regions R. `clearance` is d_S of the clearance objective, `distance` the
+with what `rasters` tells (distances, what is a gap); `support` answers s(x) in them, `regions` are
+the placement regions R. `clearance` is d_S of the clearance objective, `distance` the
 field that collision checks ask first.
 """

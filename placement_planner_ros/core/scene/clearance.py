@@ -18,7 +18,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.transforms import Field, Index
+from placement_planner_ros.core.scene.rasters import Field, Index, hand_on_nearest
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
 CAP = 0.5
@@ -52,7 +52,7 @@ class ClearanceTable(NamedTuple):
     """d_S on a raster, as kernels read it."""
 
     values: Field
-    """(nx, ny, slices, 2) at the lower and the upper face of each slice, m."""
+    """(slices, nx, ny, 2) at the lower and the upper face of each slice, m."""
     faces: Array
     """(slices + 1,) z between the slices, m; above the last nothing counts."""
     origin: Array
@@ -131,8 +131,7 @@ class ClearanceField:
             low - before * pixel,
             pixel,
             tuple(before + kept + after),
-            tuple(before),
-            tuple(kept),
+            (slice(before[0], before[0] + kept[0]), slice(before[1], before[1] + kept[1])),
             cap,
         )
         for array in (values, faces, low):
@@ -241,25 +240,6 @@ def _contiguous_view(values: Array) -> Array:
     return view
 
 
-@kernel(lean=True)
-def _square_to(runs: Runs, k: int, x: float, y: float, z: float) -> float:
-    """Square of the distance sideways and upwards to run k."""
-    dx, dy, up = runs.at[k, 0] - x, runs.at[k, 1] - y, max(runs.bottom[k] - z, 0.0)
-    return dx * dx + dy * dy + up * up
-
-
-@kernel(lean=True)
-def _take_run(
-    runs: Runs, k: int, i: int, j: int, place: tuple[float, float, float], near: Array, who: Index
-) -> None:
-    """Take run k, if there is one, for the nearest of pixel (i, j), at a place, where it is."""
-    if k >= 0 and k != who[i, j]:
-        square = _square_to(runs, k, place[0], place[1], place[2])
-        if square < near[i, j]:
-            near[i, j], who[i, j] = square, k
-
-
-@kernel(nogil=True)
 def _fill_slices(
     runs: Runs,
     number: npt.NDArray[np.int64],
@@ -267,68 +247,57 @@ def _fill_slices(
     origin: Array,
     pixel: float,
     shape: tuple[int, int],
-    first: tuple[int, int],
-    kept: tuple[int, int],
+    kept: tuple[slice, slice],
     cap: float,
 ) -> Field:
-    """`ClearanceTable.values` of the pixels from `first` on, `kept` of them.
+    """`ClearanceTable.values` of those pixels of a raster, of that shape, that are kept.
 
     Args:
         number: (n,) the slice that each run ends at, the highest first.
-        origin: (2,) of the raster of that shape, which holds all runs.
+        origin: (2,) of the raster, which holds all runs.
     """
-    nx, ny = shape
     slices = len(faces) - 1
-    values = np.empty((kept[0], kept[1], slices, 2), np.float32)
-    near = np.full((nx, ny), np.inf)
-    who = np.full((nx, ny), np.int32(-1))
-    run = 0
+    elements = np.zeros((len(number), 4))
+    elements[:, :2] = (runs.at - origin) / pixel
+    near, who = np.full(shape, np.float32(cap / pixel)), np.full(shape, np.int32(-1))
+    values = np.full((slices, *near[kept].shape, 2), np.float32(cap))
+    first = np.array([each.start for each in kept])
+    ended = np.searchsorted(-number, -np.arange(slices), side="right")  # in or above each slice
     for s in range(slices - 1, -1, -1):
         low, high = faces[s], faces[s + 1]
-        z = 0.5 * (low + high)
-        # distances to what counts from further above, at the height of this slice
-        for i in range(nx):
-            for j in range(ny):
-                if who[i, j] >= 0:
-                    x, y = origin[0] + i * pixel, origin[1] + j * pixel
-                    near[i, j] = _square_to(runs, who[i, j], x, y, z)
+        bottom, inside = runs.bottom[: ended[s]], elements[: ended[s]]
+        inside[:, 2] = (np.maximum(bottom - 0.5 * (low + high), 0.0) / pixel) ** 2
         # what ends at the slice's upper face comes in, and what stands beside this slice comes in
         # again: where a wall meets a ceiling, that was nearer further up
-        while run < len(number) and number[run] == s:
-            run += 1
-        for k in range(run):
-            if number[k] == s or runs.bottom[k] < high:
-                i = min(max(int((runs.at[k, 0] - origin[0]) / pixel + 0.5), 0), nx - 1)
-                j = min(max(int((runs.at[k, 1] - origin[1]) / pixel + 0.5), 0), ny - 1)
-                place = origin[0] + i * pixel, origin[1] + j * pixel, z
-                _take_run(runs, k, i, j, place, near, who)
-        # two sweeps hand the nearest on
-        for sweep in range(2):
-            step = 1 - 2 * sweep
-            for row in range(nx):
-                i = row if step > 0 else nx - 1 - row
-                m = i - step
-                x = origin[0] + i * pixel
-                for j in range(ny):
-                    place = x, origin[1] + j * pixel, z
-                    if 0 <= m < nx:
-                        for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            _take_run(runs, who[m, n], i, j, place, near, who)
-                    if j > 0:
-                        _take_run(runs, who[i, j - 1], i, j, place, near, who)
-                for j in range(ny - 2, -1, -1):
-                    place = x, origin[1] + j * pixel, z
-                    _take_run(runs, who[i, j + 1], i, j, place, near, who)
-        for i in range(kept[0]):
-            x = origin[0] + (i + first[0]) * pixel
-            for j in range(kept[1]):
-                k = who[i + first[0], j + first[1]]
-                y = origin[1] + (j + first[1]) * pixel
-                for face in range(2):
-                    at = low if face == 0 else high
-                    distance = math.sqrt(_square_to(runs, k, x, y, at)) if k >= 0 else cap
-                    values[i, j, s, face] = min(distance, cap)
+        entering = np.flatnonzero((number[: ended[s]] == s) | (bottom < high))
+        hand_on_nearest(inside, entering, near, who)
+        _face_distances(elements, runs.bottom, who[kept], first, pixel, (low, high), values[s])
     return values
+
+
+@kernel(nogil=True)
+def _face_distances(
+    elements: Array,
+    bottom: Array,
+    who: Index,
+    first: npt.NDArray[np.int64],
+    pixel: float,
+    faces: tuple[float, float],
+    values: Field,
+) -> None:
+    """Lower values (nx, ny, 2) to the distance at each of two heights to the runs told, metres."""
+    nx, ny = who.shape
+    for i in range(nx):
+        for j in range(ny):
+            k = who[i, j]
+            if k < 0:
+                continue
+            dx = (elements[k, 0] - i - first[0]) * pixel
+            dy = (elements[k, 1] - j - first[1]) * pixel
+            for face in range(2):
+                up = max(bottom[k] - faces[face], 0.0)
+                distance = math.sqrt(dx * dx + dy * dy + up * up)
+                values[i, j, face] = min(np.float32(distance), values[i, j, face])
 
 
 @kernel(lean=True)
@@ -348,7 +317,7 @@ def _slice_of(faces: Array, z: float) -> int:
 def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Mean of d_S over a voxel's height around a point, and its change along x and y."""
     values, faces = table.values, table.faces
-    nx, ny, slices = values.shape[0], values.shape[1], values.shape[2]
+    slices, nx, ny = values.shape[0], values.shape[1], values.shape[2]
     u, v = (x - table.origin[0]) / table.pixel, (y - table.origin[1]) / table.pixel
     in_x, in_y = 0.0 <= u <= nx - 1.0, 0.0 <= v <= ny - 1.0
     u, v = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0)
@@ -364,10 +333,10 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
         share = (end - low) / VOXEL_M
         # below the lowest slice its lower face holds
         w = max(0.5 * (low + end) - faces[s], 0.0) / (faces[s + 1] - faces[s])
-        a = values[i, j, s, 0] * (1.0 - w) + values[i, j, s, 1] * w
-        b = values[i, j + 1, s, 0] * (1.0 - w) + values[i, j + 1, s, 1] * w
-        c = values[i + 1, j, s, 0] * (1.0 - w) + values[i + 1, j, s, 1] * w
-        d = values[i + 1, j + 1, s, 0] * (1.0 - w) + values[i + 1, j + 1, s, 1] * w
+        a = values[s, i, j, 0] * (1.0 - w) + values[s, i, j, 1] * w
+        b = values[s, i, j + 1, 0] * (1.0 - w) + values[s, i, j + 1, 1] * w
+        c = values[s, i + 1, j, 0] * (1.0 - w) + values[s, i + 1, j, 1] * w
+        d = values[s, i + 1, j + 1, 0] * (1.0 - w) + values[s, i + 1, j + 1, 1] * w
         near, far = a + (b - a) * v, c + (d - c) * v
         total += share * (near + (far - near) * u)
         if in_x:

@@ -361,7 +361,7 @@ def find_regions(
     tops = planes.tops(slope, settings.height_tolerance)
     size, noise = measured.cell_size, measured.noise
     cloud = SlopeCloud(measured.points, volume, slope, tops, size, noise, sights)
-    support = SupportMap(cloud, settings.headroom)
+    support = SupportMap(cloud)
     found = []
     for height in support.heights(volume, measured.cell_size, settings.height_tolerance):
         layer = support.layer(height, CONTACT_TOLERANCE_M)

@@ -5,24 +5,31 @@ layer, too. Of the points about the height of a layer a raster knows, at each pl
 of the surface it is, how far from where that ends, and how high the surface lies.
 
 A place is *closed* where no disc without points covers it that is wider than chance explains
-(`granulometry`); the others are gaps. What rises above the layer counts as closed, too, and gaps
+(`rasters`); the others are gaps. What rises above the layer counts as closed, too, and gaps
 that begin behind it are no *ends* of the surface: a thing stands there. Rays that passed the layer
 and were seen to end below it open it half the way to the nearest point.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import label, map_coordinates, maximum_filter, uniform_filter
+from scipy.ndimage import label, map_coordinates, maximum_filter
 
-from placement_planner_ros.core.scene.granulometry import TILE_M, WIDEST, chance_radius
-from placement_planner_ros.core.scene.transforms import (
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.rasters import (
+    TILE_M,
+    WIDEST,
     Field,
-    distance_to_points,
+    Mask,
+    Raster,
+    Rows,
+    chance_radius,
+    points_within,
     widest_empty_disc,
 )
 from placement_planner_ros.core.scene.visibility import View
@@ -80,8 +87,8 @@ class Layer(NamedTuple):
     """m, height of the surface."""
     top: Field
     """m, the highest point near the layer; -inf where there is none."""
-    roofed: npt.NDArray[np.bool_]
-    """Whether something is less than the headroom above."""
+    risen: Mask
+    """Whether something stands there that rises from the layer."""
 
 
 class SlopeCloud:
@@ -107,21 +114,27 @@ class SlopeCloud:
         sights: Sequence[View] = (),
     ) -> None:
         self.tops, self.cell_size = tops, cell_size
-        near = _points_within(
-            points[:, :2], volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
-        )
-        heights = points[:, 2] - points[:, :2] @ np.array(slope)
-        # no further below and above surfaces than anything is looked for there
-        low, high = np.min(tops[:, 2], initial=np.inf), np.max(tops[:, 2], initial=-np.inf)
-        near &= (heights > low - CLEAR_M) & (heights < high + CLEAR_M)
         self.slope, self.noise = slope, noise
-        self._heights, self._points = heights[near], points[near, :2].astype(np.float64)
+        # no further below and above surfaces than anything is looked for there
+        self._low = float(np.min(tops[:, 2], initial=np.inf)) - CLEAR_M
+        high = float(np.max(tops[:, 2], initial=-np.inf)) + CLEAR_M
+        steps = max(int((high - self._low) / LAYER_STEP_M) + 1, 0) if len(tops) else 0
+        around = np.array([volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M])
+        self._points, self._heights, self._start = _sorted_by_height(
+            points, slope, around, self._low, steps
+        )
         self._sights = [_Sight(view, slope) for view in sights]
 
     def between(self, low: float, high: float) -> tuple[Array, Array]:
         """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
-        rows = np.flatnonzero((self._heights > low) & (self._heights <= high))
-        return self._points[rows], self._heights[rows]
+        first, last = (
+            min(max(int((z - self._low) / LAYER_STEP_M) + k, 0), len(self._start) - 1)
+            for k, z in enumerate((low, high))
+        )
+        rows = slice(self._start[first], self._start[last])
+        heights = self._heights[rows]
+        within = (heights > low) & (heights <= high)
+        return self._points[rows][within], heights[within]
 
     def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
         """`between` of the points no more than `band` from a height, in the columns of tops no more
@@ -136,7 +149,7 @@ class SlopeCloud:
         filled[tuple(cells.T)] = True
         filled = maximum_filter(filled, 3)
         kept = np.flatnonzero(
-            _points_within(points, low, low + self.cell_size * np.array(filled.shape))
+            points_within(points, low, low + self.cell_size * np.array(filled.shape))
         )
         i, j = ((points[kept] - low) / self.cell_size).astype(np.int64).T
         kept = kept[filled[i.clip(max=len(filled) - 1), j.clip(max=filled.shape[1] - 1)]]
@@ -191,52 +204,49 @@ def _with_corners(gap: Field, narrow: float) -> Field:
     return np.where(hole, gap + deep, gap)
 
 
-class _Raster:
-    """A grid of pixels around points; lengths in it are in pixels."""
+@kernel(nogil=True)
+def _sorted_by_height(
+    points: npt.NDArray[np.float32], slope: Slope, around: Array, low: float, steps: int
+) -> tuple[Array, Array, Rows]:
+    """A counting sort by height above a plane, in steps of `LAYER_STEP_M` from `low` on.
 
-    def __init__(self, points: Array, pixel: float, rim: float) -> None:
-        self.pixel = pixel
-        self.origin = points.min(axis=0) - rim
-        shape = np.ceil((points.max(axis=0) + rim - self.origin) / pixel).astype(int) + 1
-        self.shape = (int(shape[0]), int(shape[1]))
+    Args:
+        points: (n, 3), of which those between the corners `around` (2, 2) are kept.
 
-    def at(self, points: Array) -> Array:
-        """(n, 2) in pixels, of those points (k, 2) that are on the raster."""
-        at = (points - self.origin) / self.pixel
-        return at[_points_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
-
-    def middles(self, at: Array) -> Array:
-        """(m, 2) the mean of the points (n, 2) in each pixel that has any."""
-        cell = self.cells(at)
-        many = np.bincount(cell)
-        held = np.flatnonzero(many)
-        sums = [np.bincount(cell, weights=at[:, axis])[held] for axis in range(2)]
-        return np.column_stack(sums) / many[held, None]
-
-    def cells(self, at: Array) -> npt.NDArray[np.int64]:
-        """(n,) pixels of points, in one row."""
-        i, j = (at + 0.5).astype(np.int64).T
-        return np.asarray(i * self.shape[1] + j)
-
-    def sums(self, cell: npt.NDArray[np.int64], values: Array, side: float) -> Array:
-        """(nx, ny) sums over the square of that side, metres, around each pixel, of values (n,)."""
-        width = 2 * int(0.5 * side / self.pixel) + 1
-        image = np.bincount(cell, weights=values, minlength=self.shape[0] * self.shape[1])
-        around = uniform_filter(image.reshape(self.shape), width, mode="constant")
-        return np.asarray(width**2 * around)
-
-    def distance(self, at: Array, weight: Array | None = None) -> Field:
-        """(nx, ny) pixels to the nearest point of (n, 2)."""
-        weight = np.zeros(len(at)) if weight is None else weight
-        return distance_to_points(self.shape, at, weight, float(sum(self.shape)))[0]
+    Returns:
+        (k, 2) x and y, (k,) heights, and (steps + 1,) where each step begins.
+    """
+    start = np.zeros(steps + 1, np.int64)
+    step_of = np.full(len(points), -1, np.int64)
+    # how many there are of each step
+    for p in range(len(points)):
+        x, y = float(points[p, 0]), float(points[p, 1])
+        if around[0, 0] <= x < around[1, 0] and around[0, 1] <= y < around[1, 1]:
+            height = float(points[p, 2]) - slope[0] * x - slope[1] * y
+            step = math.floor((height - low) / LAYER_STEP_M)
+            if 0 <= step < steps:
+                step_of[p] = step
+                start[step + 1] += 1
+    for step in range(steps):
+        start[step + 1] += start[step]
+    # each behind those of its step that are already there
+    fill = start.copy()
+    at, heights = np.empty((start[steps], 2)), np.empty(start[steps])
+    for p in range(len(points)):
+        if step_of[p] >= 0:
+            row = fill[step_of[p]]
+            fill[step_of[p]] += 1
+            x, y = float(points[p, 0]), float(points[p, 1])
+            at[row, 0], at[row, 1] = x, y
+            heights[row] = float(points[p, 2]) - slope[0] * x - slope[1] * y
+    return at, heights, start
 
 
-def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: float) -> Layer | None:
+def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | None:
     """The layer at a height; None where nothing was measured there.
 
     Args:
         tolerance: m by which what carries may be above or below.
-        headroom: m above it in which nothing is, where something may stand.
     """
     noise = cloud.noise
     band = tolerance + 0.5 * LAYER_STEP_M + SCATTER_NOISES * noise
@@ -245,11 +255,10 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     if len(on) == 0:
         return None
     rise_from = max(band, RISE_FROM_M)
-    over, over_heights = cloud.between(height + rise_from, height + headroom)
-    raster = _Raster(on, _pixel_side(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
+    over, _ = cloud.between(height + rise_from, height + rise_from + RISE_TO_M - RISE_FROM_M)
+    raster = Raster(on, _pixel_side(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
     pixel = raster.pixel
-    near = raster.at(over[over_heights <= height + rise_from + RISE_TO_M - RISE_FROM_M])
-    at, rises = raster.at(on), raster.middles(near)
+    at, rises = raster.at(on), raster.middles(raster.at(over))
     middles = raster.middles(at)
     # gaps that are wider than chance explains, as discs around their pixels
     to_point = raster.distance(np.vstack([middles, rises]))
@@ -268,9 +277,10 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     opened = np.maximum(0.5 * away, np.minimum(away, 0.75))
     inside = _from_discs(raster, gap, rays, opened)
     # what is not beside what rises is surface, and gaps nearer to that are ends
-    from_end, plain = inside, np.ones(len(at), np.bool_)
+    from_end, plain, risen = inside, np.ones(len(at), np.bool_), np.zeros(raster.shape, np.bool_)
     if len(rises):
         to_rise = raster.distance(rises)
+        risen = to_rise <= radius / WIDEST
         plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
         drops = raster.distance(raster.middles(at[plain])) <= to_rise
         of_rays = drops.ravel()[raster.cells(rays)]
@@ -286,16 +296,8 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
         from_end * np.float32(pixel),
         surface,
         top,
-        _roofed_pixels(raster, over, radius),
+        risen,
     )
-
-
-def _points_within(
-    points: npt.NDArray[np.floating], low: Array, high: Array
-) -> npt.NDArray[np.bool_]:
-    """(n,) which points (n, 2) lie between two corners, the upper one left out."""
-    x, y = points[:, 0], points[:, 1]
-    return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
 
 
 def _pixel_side(cloud: SlopeCloud, points: Array, tops: int) -> float:
@@ -307,7 +309,7 @@ def _pixel_side(cloud: SlopeCloud, points: Array, tops: int) -> float:
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
 
 
-def _chance_discs(raster: _Raster, to_point: Field, at: Array, times: float) -> Field:
+def _chance_discs(raster: Raster, to_point: Field, at: Array, times: float) -> Field:
     """(nx, ny) pixels: the radius of the widest disc without points that chance may explain."""
     pixel = raster.pixel
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
@@ -315,7 +317,7 @@ def _chance_discs(raster: _Raster, to_point: Field, at: Array, times: float) -> 
     return np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
 
 
-def _whole_surface(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[np.bool_]:
+def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
     """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
     if len(ended) == 0:
         return np.zeros(raster.shape, np.bool_)
@@ -325,7 +327,7 @@ def _whole_surface(raster: _Raster, ended: Array, passed: Array) -> npt.NDArray[
     return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
 
 
-def _from_discs(raster: _Raster, gap: Field, rays: Array, opened: Array) -> Field:
+def _from_discs(raster: Raster, gap: Field, rays: Array, opened: Array) -> Field:
     """(nx, ny) signed distance, in pixels, from the union of discs of radii (nx, ny) around
     pixels, and of radii (n,) about rays (n, 2)."""
     i, j = np.nonzero(gap > 0.0)
@@ -334,10 +336,10 @@ def _from_discs(raster: _Raster, gap: Field, rays: Array, opened: Array) -> Fiel
 
 
 def _layer_heights(
-    raster: _Raster,
+    raster: Raster,
     at: Array,
     heights: Array,
-    plain: npt.NDArray[np.bool_],
+    plain: Mask,
     noise: float,
     radius: Field,
     inside: Field,
@@ -353,15 +355,15 @@ def _layer_heights(
     low = float(heights[kept].mean())
     side = HEIGHT_WINDOW_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
     off, own = heights[kept] - low, cell[kept]
-    count, total, squares = (raster.sums(own, off**power, side) for power in range(3))
+    count, total = (raster.sums(own, off**power, side) for power in range(2))
     held = count > 0.5
     mean = np.where(held, total / np.maximum(count, 1e-9), 0.0)
     surface = mean + low
     if noise > 0.0:  # between two levels there is no surface
+        squares = raster.sums(own, off**2, side)
         surface[held & (squares / np.maximum(count, 1e-9) - mean**2 > noise**2)] = np.inf
     if not held[inside > -2.0].all():  # further away the nearest holds
-        where = np.argwhere(held).astype(np.float64)
-        _, who = distance_to_points(raster.shape, where, np.zeros(len(where)), 1e9)
+        _, who = raster.nearest(np.argwhere(held).astype(np.float64))
         surface = surface[held][who]
     if noise > 0.0:  # single points say nothing
         many, sums = (raster.sums(cell, (heights - low) ** p, TOP_WINDOW_M) for p in range(2))
@@ -370,11 +372,3 @@ def _layer_heights(
     beside = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
     highest = maximum_filter(top.reshape(raster.shape), beside)
     return surface.astype(np.float32), highest.astype(np.float32)
-
-
-def _roofed_pixels(raster: _Raster, over: Array, radius: Field) -> npt.NDArray[np.bool_]:
-    """(nx, ny) whether points above close over a pixel."""
-    above = raster.at(over)
-    if len(above) == 0:
-        return np.zeros(raster.shape, np.bool_)
-    return np.asarray(raster.distance(raster.middles(above)) <= radius / WIDEST)

@@ -231,7 +231,7 @@ def _find_planes(
     """The planes, which of them each box lies in (-1: none), the means (m, 3) of the boxes, and
     which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    means = _top_means(obstacles, tolerance)
+    means = _top_means(obstacles.points, obstacles.first_point, tolerance)
     around = np.array([_AROUND, _AROUND, _BESIDE])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
     free = free_tops(obstacles.arrays, headroom, tolerance)
@@ -255,16 +255,26 @@ def _find_planes(
     )
 
 
-def _top_means(obstacles: ObstacleSet, band: float) -> Array:
-    """(m, 3) mean of the points of each box that are no further than the band below the highest."""
-    first = obstacles.first_point[:-1]
-    if len(first) == 0:
-        return np.zeros((0, 3))
-    points = obstacles.points.astype(np.float64)
-    highest = np.maximum.reduceat(points[:, 2], first)
-    on_top = points[:, 2] >= np.repeat(highest, np.diff(obstacles.first_point)) - band
-    total = np.add.reduceat(points * on_top[:, None], first, axis=0)
-    return np.asarray(total / np.add.reduceat(on_top, first, dtype=np.float64)[:, None])
+@kernel(nogil=True)
+def _top_means(points: npt.NDArray[np.float32], first: Index, band: float) -> Array:
+    """(m, 3) mean of the points of each box that are no further than the band below the highest.
+
+    Args:
+        first: (m + 1,) the first point of each box, and their number.
+    """
+    means = np.zeros((len(first) - 1, 3))
+    for box in range(len(means)):
+        highest = -math.inf
+        for p in range(first[box], first[box + 1]):
+            highest = max(highest, float(points[p, 2]))
+        count = 0
+        for p in range(first[box], first[box + 1]):
+            if points[p, 2] >= highest - band:
+                count += 1
+                for a in range(3):
+                    means[box, a] += points[p, a]
+        means[box] /= count
+    return means
 
 
 def _plane_of(row: Array, cell_size: float, least: float) -> Plane:

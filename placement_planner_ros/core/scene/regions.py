@@ -162,7 +162,7 @@ def regions_of_layer(
         trim: m to be kept from where the surface ends.
     """
     level = np.abs(layer.surface - height) <= settings.height_tolerance
-    mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.roofed
+    mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.risen
     # what slopes may lie in V in part
     flat = disjoint_rectangles(volume.joined[:, :, :2])
     mask &= _pixels_over(layer, flat)
@@ -212,12 +212,12 @@ def _mask_rectangles(mask: Mask, corner: Array, layer: Layer) -> Array:
         corner: (2,) the mask's first pixel in the layer.
     """
     rows = np.flatnonzero(np.append(True, (mask[1:] != mask[:-1]).any(axis=1)))
-    found = []
-    for first, last in zip(rows, np.append(rows[1:], len(mask)), strict=True):
-        steps = np.diff(np.concatenate([[0], mask[first].astype(np.int8), [0]]))
-        for low, high in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True):
-            found.append((first, low, last, high))
-    at = np.array(found, dtype=np.float64).reshape(-1, 2, 2) + corner - 0.5
+    last = np.append(rows[1:], len(mask))
+    # where runs of pixels begin and end in each of these rows, in the same order
+    steps = np.diff(np.pad(mask[rows], ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, low), high = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
+    found = np.column_stack([rows[row], low, last[row], high])
+    at = found.reshape(-1, 2, 2) + corner - 0.5
     return np.asarray((layer.origin + at * layer.pixel).reshape(-1, 4))
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layer
-from placement_planner_ros.core.scene.transforms import Field, Index
+from placement_planner_ros.core.scene.rasters import Field, Index
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
 MOST_HEIGHTS = 64
@@ -50,17 +50,13 @@ class SupportMap:
         noise: of the points, standard deviation, m.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         tops: (k, 3) x, y and height of pieces of surface as large as a cell, with headroom.
-
-    Args:
-        headroom: m.
     """
 
-    def __init__(self, cloud: SlopeCloud, headroom: float) -> None:
+    def __init__(self, cloud: SlopeCloud) -> None:
         self.slope: Slope = cloud.slope
         self.noise = cloud.noise
         self.trim = 2.0 * cloud.noise
         self._cloud = cloud
-        self._headroom = headroom
         self.tops = cloud.tops
         self._layers: dict[float, list[Layer]] = {}
         self._numbers: dict[tuple[int, float], int] = {}
@@ -86,7 +82,7 @@ class SupportMap:
             if (step, tolerance) in self._numbers:
                 return
             layers = self._layers.setdefault(tolerance, [])
-            made = make_layer(self._cloud, step * LAYER_STEP_M, tolerance, self._headroom)
+            made = make_layer(self._cloud, step * LAYER_STEP_M, tolerance)
             self._numbers[step, tolerance] = EMPTY if made is None else len(layers)
             if made is not None:
                 layers.append(made)
