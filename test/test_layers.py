@@ -125,6 +125,7 @@ LOADED_BY_VIEW = {
     "ros.inputs",
     "interrupts",
     "joint_curve",
+    "pictures.viewpoint",
     "playback",
     "share",
 }

@@ -17,8 +17,9 @@ from placement_planner_ros.pictures.picture import (
     PLACED,
     VOLUME,
     box_corners,
+    hiding,
     moved,
-    see_through,
+    translucent,
 )
 from placement_planner_ros.pictures.rendering import Mesh, render
 from placement_planner_ros.scenes.objects import object_by_name
@@ -65,7 +66,7 @@ def _draw_panel(axes: Axes, situation: Situation) -> None:
     shown = box_corners(held.min(axis=0) - _AROUND, held.max(axis=0) + _AROUND)
     view = panel_view(axes, shown, _TOWARDS_EYE)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
-    meshes = see_through(view, vertices, solids)
+    meshes = translucent(solids, hiding(view, vertices, solids))
     image = render(view, [*meshes, Mesh(vertices, thing.triangles, colour)])
     show_image(axes, view, image, volume)
 

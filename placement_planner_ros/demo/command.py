@@ -24,7 +24,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from placement_planner_ros.client import PlacementClient
-from placement_planner_ros.demo.by_hand import by_hand
 from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.node_process import NodeProcess, node_arguments
 from placement_planner_ros.demo.results import (
@@ -169,11 +168,6 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
         print("look at:")
         for path, words in [*written, (log, "what the node said")]:
             print(f"  {path}   {words}")
-        if setting.scene_arguments and not options.tour:
-            print(
-                "the same by hand, in three terminals; docs/jazzy.md has it in ROS's own commands:"
-            )
-            print("\n".join(f"  {each}" for each in by_hand(setting, arguments)), flush=True)
         if address:
             print(f"the page is there until Ctrl-C: {address}", flush=True)
             wait_until_interrupted()

@@ -1,4 +1,4 @@
-"""Files that the demonstration leaves: a picture before and after, an animation, a plot."""
+"""Files that the demonstration leaves: a picture before and after, and an animation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from placement_planner_ros.pictures.animation import (
     draw_animation,
     draw_before_and_after,
 )
-from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.stage_set import Leg, StageSet
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.progress import ProgressLine
@@ -61,9 +60,7 @@ def write_results(
         DemoError: a file cannot be written.
     """
     best = found.improvements[-1]
-    placement, motion, plot = (
-        folder / name for name in ("placement.png", "motion.gif", "objective.png")
-    )
+    placement, motion = folder / "placement.png", folder / "motion.gif"
     try:
         line.show("  drawing the picture", always=True)
         body = setting.vertices, setting.triangles
@@ -75,20 +72,12 @@ def write_results(
         )
         line.show("  drawing the animation", always=True)
         draw_animation(motion, shown)
-        draw_objective(
-            plot,
-            setting.title,
-            [(solution.search_time, solution.objective) for solution in found.improvements],
-            end=max(found.seconds, best.search_time),
-            title=objective,
-        )
     except OSError as error:
         raise unwritten(folder, error) from error
     line.clear()
     return [
         (placement, "before and after, with the way of the object"),
         (motion, "the whole motion, release and retreat included"),
-        (plot, "how the objective rose"),
     ]
 
 

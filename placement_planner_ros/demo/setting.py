@@ -53,7 +53,6 @@ class Setting:
         vertices, triangles: (n, 3) and (t, 3) of the object.
         file: of parameters, for the node.
         parameters: for the node, besides.
-        scene_arguments: with which placement_scene publishes the same; empty where it cannot.
     """
 
     title: str
@@ -66,7 +65,6 @@ class Setting:
     triangles: npt.NDArray[np.int64]
     file: Path
     parameters: Mapping[str, object]
-    scene_arguments: str
 
 
 def bundled(scene_name: str, object_name: str) -> Setting:
@@ -95,7 +93,6 @@ def bundled(scene_name: str, object_name: str) -> Setting:
         held.triangles,
         share_path("config", f"{object_name}.yaml"),
         parameters,
-        f"--ros-args -p name:={scene_name} -p object:={object_name}",
     )
 
 
@@ -145,5 +142,4 @@ def of_file(file: Path, scene_name: str) -> Setting:
         np.asarray(hull.faces, dtype=np.int64),
         file,
         parameters,
-        "",
     )

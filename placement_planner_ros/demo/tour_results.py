@@ -10,8 +10,9 @@ import numpy as np
 
 from placement_planner_ros.demo.results import unwritten
 from placement_planner_ros.demo.tour import Stop, Tour
-from placement_planner_ros.demo.tour_picture import draw_tour
 from placement_planner_ros.pictures.animation import draw_animation
+from placement_planner_ros.pictures.picture import averaged
+from placement_planner_ros.pictures.plots import DPI, new_figure
 from placement_planner_ros.pictures.stage_set import Leg, StageSet
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.share import PACKAGE
@@ -19,6 +20,8 @@ from placement_planner_ros.share import PACKAGE
 COLUMNS = (
     "object", "by", "first [s]", "planned [s]", "reached", "off [mm]", "moved [mm]", "tilted [°]"
 )  # fmt: skip
+_PICTURE_SIZE = (1320, 820)
+"""Pixels of the picture without its title."""
 WORDS = (
     "first: seconds from the start of the search to the first placement; planned: to the one that "
     "was carried out. off: from its planned place as the arm arrived. moved, tilted: from there "
@@ -84,7 +87,7 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
         title = (
             f"{setting.scene.name.replace('_', ' ')}: four things put down, carried out by physics"
         )
-        draw_tour(picture, stage, title, COLUMNS, table_rows(tour.stops))
+        _draw_tour(picture, stage, title)
 
         def told(done: int, count: int) -> None:
             line.show(f"  drawing the animation: {done} of {count} frames")
@@ -100,3 +103,16 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
         (animation, "the whole tour"),
         (table, "the table"),
     ]
+
+
+def _draw_tour(path: Path, stage: StageSet, title: str) -> None:
+    """Write a PNG: all things where they stand at last, and the ways that they were carried."""
+    width, height = _PICTURE_SIZE
+    figure = new_figure(width / DPI, (height + 50) / DPI)
+    axes = figure.subplots()
+    last, stage = len(stage.legs) - 1, stage.sized(_PICTURE_SIZE)
+    image = stage.draw(last, stage.legs[last].looks[-1], all_ways=True)
+    axes.imshow(averaged(image.colours))
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=13)
+    figure.savefig(path)

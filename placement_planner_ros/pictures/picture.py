@@ -1,10 +1,9 @@
-"""Parts of pictures for people: robots, target volumes, and the objective over time."""
+"""Parts of pictures for people: robots and target volumes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.pictures.plots import new_figure
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint
 from placement_planner_ros.scenes.primitives import Colour
 
@@ -29,46 +27,6 @@ HAND: Colour = (0.35, 0.36, 0.42)
 VOLUME: Colour = (0.85, 0.15, 0.55)
 SEE_THROUGH = 0.28
 OVERSAMPLING = 2
-
-
-def draw_objective(
-    path: str | Path, name: str, steps: Sequence[tuple[float, float]], *, end: float, title: str
-) -> None:
-    """Write a PNG: the best objective over time as steps.
-
-    Args:
-        name: of the run.
-        steps: (seconds since start, objective) of every improvement, in order.
-        end: seconds at which the run ended; the steps are drawn up to there.
-    """
-    figure = new_figure(8.0, 4.5)
-    axes = figure.add_subplot()
-    axes.plot([], [], label=name if steps else f"{name} (no solution)")
-    if steps:
-        times, values = zip(*steps, strict=True)
-        axes.step([*times, end], [*values, values[-1]], where="post", color="C0")
-        axes.plot(times, values, "o", color="C0", markersize=5)
-        for text, at, offset, align in (
-            (f"first after {times[0]:.2f} s", (times[0], values[0]), (8, -4), ("left", "top")),
-            (f"{values[-1]:.3f}", (end, values[-1]), (-4, 5), ("right", "baseline")),
-        ):
-            axes.annotate(
-                text,
-                at,
-                textcoords="offset points",
-                xytext=offset,
-                ha=align[0],
-                va=align[1],
-                fontsize=9,
-            )
-    axes.set_xlim(0.0, end)
-    axes.margins(y=0.12)
-    axes.set_xlabel("time since start [s]")
-    axes.set_ylabel("objective ξ [m]")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9)
-    axes.set_title(title)
-    figure.savefig(path)
 
 
 def moved(vertices: Array, T: pin.SE3) -> Array:
@@ -154,11 +112,6 @@ def translucent(solids: Sequence[Mesh], which: Sequence[bool]) -> list[Mesh]:
         replace(solid, alpha=SEE_THROUGH) if hide else solid
         for solid, hide in zip(solids, which, strict=True)
     ]
-
-
-def see_through(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[Mesh]:
-    """The solids, see-through those that stand between the eye and the object (n, 3)."""
-    return translucent(solids, hiding(view, placed, solids))
 
 
 def hiding(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[bool]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+import trimesh
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -23,8 +24,9 @@ from placement_planner_ros.pictures.picture import (
     translucent,
 )
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
-from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
+from placement_planner_ros.pictures.viewpoint import best_direction
 from placement_planner_ros.playback import CARRIED, Playback
+from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
 from placement_planner_ros.scenes.single_mesh import ring_triangles
@@ -44,6 +46,8 @@ _AROUND_M = 0.1
 """What a picture holds of robot and scene around V and the ways."""
 _LOOK_PERIOD = 0.02
 """Seconds from look to look at a motion that is played."""
+_APART_M = 0.02
+"""Between points on what may hide something."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +126,7 @@ class StageSet:
         self._ways = [tube(leg.way, _WAY_RADIUS, self._colours[leg.key]) for leg in legs]
         self._edges = volume_edges(scene.volume)
         self._points = self._shown(scene)
-        self._direction = best_direction(self._points, self._scored())
+        self._direction = self._best_direction(scene)
         self._show(SIZE)
 
     def sized(self, size: tuple[int, int]) -> StageSet:
@@ -170,35 +174,36 @@ class StageSet:
         robot = [link for leg in self.legs for link in self._robot.at(leg.looks[-1].q)]
         return with_surroundings(np.vstack(must), [*robot, *self._parts], _AROUND_M)
 
-    def _scored(self) -> Callable[[Viewpoint], float]:
-        """How much robot and scene leave to be seen of things, halfway and where they stand, and
-        of their ways; the scene, which can be drawn see-through, counts for half."""
-        last = self._things(self.legs[-1].looks[-1])
-        parts, compared = joined(self._parts), []
-        for leg, stands, way in zip(self.legs, last, self._ways, strict=True):
-            halfway = leg.carried[2 * len(leg.carried) // 3]
-            links = [joined(self._robot.at(look.q)) for look in (halfway, leg.looks[-1])]
-            others = [other for other in last if other is not stands]
-            held = self._things(halfway)[-1]
-            compared.append((links, held, [*links[1], *others], stands, way))
-
-        def score(view: Viewpoint) -> float:
-            behind = render(view, parts)
-            seen = []
-            for links, held, others, stands, way in compared:
-                seen.append(seen_share(view, None, links[0], held))
-                seen.append(seen_share(view, None, others, stands))
-                seen.append(0.5 * seen_share(view, None, links[0], way))
-                seen.append(0.5 * seen_share(view, behind, [], stands))
-            return float(np.sum(seen)) / len(compared)
-
-        return score
+    def _best_direction(self, scene: Scene) -> tuple[float, float]:
+        """From where robot and scene leave most to be seen of the things where they stand and of
+        their ways."""
+        stand = [thing.vertices for thing in self._things(self.legs[-1].looks[-1])]
+        matter = np.vstack([*stand, *(leg.way for leg in self.legs)])
+        robot = joined(link for leg in self.legs for link in self._robot.at(leg.looks[-1].q))
+        links = [_points_on(mesh) for mesh in robot]
+        around = [complete_cloud(scene, _APART_M)] if scene.parts else []
+        hiders = np.vstack([*around, *links])
+        base = self._robot.at(self.legs[0].looks[0].q)[0].vertices.mean(axis=0)
+        distance = 2.0 * float(np.linalg.norm(np.ptp(matter, axis=0)))
+        return best_direction(_few(matter), hiders, base, distance)
 
     def _hides(self, view: Viewpoint) -> list[bool]:
         """Which parts of the scene stand before a thing at its place or on its way."""
         shown = [thing.vertices for thing in self._things(self.legs[-1].looks[-1])]
         shown += [leg.way for leg in self.legs]
         return np.any([hiding(view, points, self._parts) for points in shown], axis=0).tolist()
+
+
+def _few(points: Array) -> Array:
+    """Some sixty of the points (n, 3)."""
+    return points[:: max(1, len(points) // 60)]
+
+
+def _points_on(mesh: Mesh) -> Array:
+    """(n, 3) points on a surface, `_APART_M` apart or so."""
+    made = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    count = int(made.area / _APART_M**2) + 1
+    return np.asarray(trimesh.sample.sample_surface(made, count, seed=0)[0])
 
 
 def with_surroundings(points: Array, meshes: Sequence[Mesh], margin: float) -> Array:

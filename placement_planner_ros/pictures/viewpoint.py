@@ -2,44 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
+from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
 
-_AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
-_ELEVATIONS = np.deg2rad([25.0, 40.0])
-_SMALL = (160, 120)
-"""Pixels of the pictures in which views are compared."""
-_BETTER = 0.01
-"""Score by which a later view has to be better."""
-
-
-def best_direction(points: Array, score: Callable[[Viewpoint], float]) -> tuple[float, float]:
-    """Azimuth and elevation, rad, from which a small view of points (n, 3) has the highest score.
-
-    Of those that are as good, the first: azimuths are in the order of the circle, so that the same
-    is always shown from the same side.
-    """
-    best, direction = -np.inf, (0.0, 0.0)
-    for elevation in _ELEVATIONS:
-        for azimuth in _AZIMUTHS:
-            found = score(Viewpoint.around(points, float(azimuth), float(elevation), *_SMALL))
-            if found > best + _BETTER:
-                best, direction = found, (float(azimuth), float(elevation))
-    return direction
+_AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
+_ELEVATIONS = np.deg2rad([32.0, 41.0, 50.0, 60.0])
+_ASIDE, _USUAL = np.deg2rad([30.0, 50.0])
+"""The azimuth from the robot's front, and the elevation, from which things look usual, rad."""
+_SIGHT_RADIUS_M = 0.035
+"""From a line of sight, within which a point hides what is behind."""
+_COST_PER_RAD = 0.1
+"""Share that may be hidden more in a view that is a radian nearer to the usual one."""
 
 
-def seen_share(view: Viewpoint, behind: Image | None, before: Sequence[Mesh], thing: Mesh) -> float:
-    """Share of the thing's pixels that nothing hides.
+def best_direction(
+    matter: Array, hiders: Array, base: Array, distance: float
+) -> tuple[float, float]:
+    """Azimuth and elevation, rad, from which most is seen, and that look most usual of those.
 
     Args:
-        behind: what was rendered of that view already.
-        before: what may hide it besides.
+        matter: (n, 3) points that matter, as those in V.
+        hiders: (m, 3) points on robot and scene, 2 cm apart or less.
+        base: (3,) where the robot stands: seen from across, it faces the eye.
+        distance: of the eye from the middle of what matters, metres.
     """
-    alone = render(view, [thing]).depth
-    hiding = render(view, before, behind).depth
-    covered = np.isfinite(alone)
-    return float((alone < hiding)[covered].mean()) if covered.any() else 0.0
+    middle = 0.5 * (matter.min(axis=0) + matter.max(axis=0))
+    tree = cKDTree(hiders) if len(hiders) else None
+    front = np.arctan2(*(middle - base)[1::-1])
+    usual = unit_direction(front + _ASIDE, _USUAL)
+    views = []
+    for elevation in _ELEVATIONS:
+        for azimuth in _AZIMUTHS:
+            direction, hidden = unit_direction(azimuth, elevation), 0.0
+            if tree is not None:
+                to_eye = middle + distance * direction - matter
+                lines = matter + np.linspace(0.06, 0.9, 28)[:, None, None] * to_eye
+                away, _ = tree.query(lines, distance_upper_bound=_SIGHT_RADIUS_M)
+                hidden = float(np.isfinite(away).any(axis=0).mean())
+            off = np.arccos(np.clip(direction @ usual, -1.0, 1.0))
+            views.append((hidden + _COST_PER_RAD * off, float(azimuth), float(elevation)))
+    return min(views)[1:]
+
+
+def unit_direction(azimuth: float, elevation: float) -> Array:
+    """(3,) towards an eye there, angles in rad."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])

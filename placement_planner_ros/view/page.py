@@ -14,14 +14,14 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
+from placement_planner_ros.pictures.viewpoint import best_direction, unit_direction
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.view import charts, words
-from placement_planner_ros.view.camera import first_view
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
-from placement_planner_ros.view.stage import Stage
+from placement_planner_ros.view.stage import FIELD_OF_VIEW, Stage
 from placement_planner_ros.view.thinning import moved_points, thinned_cloud
 from placement_planner_ros.view.world import Itself, World, pose_of
 
@@ -289,13 +289,15 @@ class Page:
         lower, upper = volume[:, 0].min(axis=0), volume[:, 1].max(axis=0)
         matter = lower + np.random.default_rng(0).random((60, 3)) * (upper - lower)
         held = np.array([T.translation for T in self._holding(poses)]).reshape(-1, 3)
-        eye, at = first_view(
-            np.vstack([matter, lower, upper]),
-            held,
-            np.vstack([none, *on_robot, *around]),
-            np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3),
-        )
-        self._stage.look_from(eye, at)
+        shown = np.vstack([matter, lower, upper, held])
+        middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
+        # 0.6 m at least, and 1.3 times as far as the ball around all just fits
+        radius = 0.5 * float(np.linalg.norm(np.ptp(shown, axis=0)))
+        distance = max(1.3 * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
+        hiders = np.vstack([none, *on_robot, *around])
+        base = np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3)
+        direction = unit_direction(*best_direction(matter, hiders, base, distance))
+        self._stage.look_from(middle + distance * direction, middle)
 
     # --- what is said
 

@@ -12,7 +12,6 @@ import viser
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import colours
-from placement_planner_ros.view.camera import FIELD_OF_VIEW
 from placement_planner_ros.view.robot_shapes import LinkShape
 from placement_planner_ros.view.world import Surface
 
@@ -27,6 +26,8 @@ LAYERS = {
     "path": "way of the object",
 }
 """What can be shown and hidden, by its place in the scene, with its name for people."""
+FIELD_OF_VIEW = np.deg2rad(40.0)
+"""From the lower to the upper edge of the picture, rad."""
 _POINT, _STANDING_POINT = 0.004, 0.007
 """m, the size of a point of a cloud, and of those on an object that was placed before."""
 _EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6),

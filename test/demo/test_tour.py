@@ -17,7 +17,6 @@ pytest.importorskip("mujoco")
 import placement_planner_ros
 from placement_planner_ros.client import Validity
 from placement_planner_ros.demo import command, results, tour, tour_results
-from placement_planner_ros.demo import tour_picture as drawing
 from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.physics import carrying_out
 from placement_planner_ros.demo.search import Found
@@ -183,9 +182,9 @@ def test_a_refusal_is_said_in_the_nodes_words(setting, monkeypatch):
 
 
 def test_it_leaves_a_table_a_picture_and_an_animation(toured, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(stage_set, "best_direction", lambda points, score: (0.5, 0.6))
+    monkeypatch.setattr(stage_set, "best_direction", lambda *_: (0.5, 0.6))
     monkeypatch.setattr(animation, "_MOST_FRAMES", 3)
-    monkeypatch.setattr(drawing, "_PICTURE_SIZE", (440, 300))
+    monkeypatch.setattr(tour_results, "_PICTURE_SIZE", (440, 300))
     for each in (stage_set, picture):
         monkeypatch.setattr(each, "OVERSAMPLING", 1)
     written = tour_results.write_tour(tmp_path, toured.tour, ProgressLine())

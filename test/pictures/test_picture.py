@@ -1,12 +1,8 @@
 """Pictures show what they are to show, and nothing in front of what hides it."""
 
-from pathlib import Path
-
-import matplotlib.image
 import numpy as np
 import pytest
 
-from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 from placement_planner_ros.scenes.primitives import box
 
@@ -60,14 +56,3 @@ def test_everything_fits_into_the_view() -> None:
         assert v.min() >= 0
         assert v.max() <= 200
         assert max(np.ptp(u) / 300, np.ptp(v) / 200) > 0.8
-
-
-def test_the_objective_is_drawn_with_and_without_solutions(tmp_path: Path) -> None:
-    for name, steps in {
-        "one": [(0.2, 0.05)],
-        "two": [(0.2, 0.05), (1.0, 0.07)],
-        "none": [],
-    }.items():
-        file = tmp_path / f"{name}.png"
-        draw_objective(file, "run", steps, end=5.0, title=name)
-        assert matplotlib.image.imread(file).std() > 0.05
