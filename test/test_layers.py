@@ -125,7 +125,7 @@ LOADED_BY_VIEW = {
     "ros.inputs",
     "interrupts",
     "joint_curve",
-    "pictures.viewpoint",
+    "pictures",
     "playback",
     "share",
 }
