@@ -157,10 +157,14 @@ def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(restin
     b = resting
     w, grasp = b.node._reporter._watch, b.snapshots[-1].arms[0].grasps[0]
     way = watch.way_of(w._snapshot, w._environment, w._wanted)
-    around = 0.012 * (np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T)
+    around = np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T
     within = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
     comes_to = (place_of(b, at=1.0, offset=grasp.act(p)) for p in within)
-    middle = next(p for p in comes_to if way.blocked_by(p + around, None))
+    middle = next(
+        p
+        for p in comes_to
+        if all(way.blocked_by(p + apart * around, None) for apart in (0.003, 0.012))
+    )
     sensor = middle + np.array([0.0, 0.0, 1.0])
     pixel = 1.0 / 340.0
     row, column = np.mgrid[-60:61, -60:61]

@@ -396,6 +396,14 @@ class ArmCollision:
             other._aside = self._aside.with_pairs(kept, settings)
         return other
 
+    def among(self, obstacles: ObstacleSet, settings: CollisionSettings) -> ArmCollision:
+        """The same arm against other obstacles and nothing else, in buffers of its own."""
+        other = self.with_pairs(lambda a, b: False, settings, environment=False)
+        other._obstacles, other._boxes = obstacles, box_arrays(obstacles)
+        other._scratch = scratch_for(self._flat, len(obstacles))
+        other._queue, other._settled = np.zeros_like(self._queue), np.zeros_like(self._settled)
+        return other
+
     def _margins(self, reserve: float) -> tuple[float, float]:
         settings = self.settings
         kept = min(reserve, settings.self_reserve)

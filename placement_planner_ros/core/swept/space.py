@@ -4,47 +4,33 @@ A cloud has hundreds of thousands of points, and all but a few lie far from the 
 known when it was planned. So each point is put to these questions, until one answers no:
 
 1. Is it in a cube of a grid that something sweeps? The cubes hold every point that comes nearer
-   than the margin to any body at any time, and say when: from which mark of the path to which.
+   than the margin to any body at any time.
 2. Is it news, that is, beyond the margin from every box of the obstacle set, or beyond its noise?
    The way keeps the margin from these boxes, so what is no news is not in the way.
-3. Is it nearer than the margin to a body? Asked at configurations between which no point of a body
-   moves further than `MOTION_BETWEEN_M`, of the margin and about half of that.
+3. Is the way certified with the news as the obstacle set, chord by chord, as edges are?
 
-Nothing is built of the points, and the first two questions, in one pass over all of them, take some
-ten nanoseconds each. They never let a point go that is news and comes nearer than the margin; the
-third may call one near that is `MOTION_BETWEEN_M` beyond it.
+Nothing is built of all points, and the first two questions, in one pass over them, take some ten
+nanoseconds each. None lets a point go that is news and comes nearer than the margin.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.arrays import ArmArrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
-from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.swept.kernels import (
-    BLOCK_CONFIGURATIONS,
-    SweptCubes,
-    SweptPath,
-    extend_corners,
-    find_hit,
-    find_news,
-    largest_motions,
-    mark_cubes,
-    place_all,
-)
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark_cubes, place_all
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-MOTION_BETWEEN_M = 0.002
-"""m, how far a point of a body moves at most between configurations that are looked at."""
-_HALF_WAY_SHARE = 0.52
-"""Of that, that a point may be from where it is at the nearer of the two; a little more than half,
-as its way is not quite straight."""
+CHORD_MOTION_M = 0.02
+"""m, how far a point of a body moves at most along a chord, unless between two samples."""
 _CUBE_EDGE_M = 0.02
 """m, edge of the grid's cubes, ..."""
 _MOST_CUBES = 1_000_000
@@ -66,7 +52,7 @@ class Stretch:
     Attributes:
         name: of the part, in words.
         arm: the arm, with the held object or without.
-        configurations: (k, dof), k >= 1, from `even_times`.
+        configurations: (k, dof), k >= 1, so dense that the curve is straight in between.
         contact: m, up to this height points do not count for the held object: its support.
         slope: of that height, which is the one at x = y = 0.
     """
@@ -93,6 +79,38 @@ class Hit:
     body: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Chords:
+    """A stretch in chords of little motion.
+
+    Attributes:
+        ends: (m + 1,) samples of the stretch where chords begin, and the last.
+        middles: (m,) samples.
+        reach: m that points of bodies get away from where they are at the middle of a chord.
+        frames: (m, n + 2, 4, 4) at the middles.
+    """
+
+    ends: npt.NDArray[np.int64]
+    middles: npt.NDArray[np.int64]
+    reach: float
+    frames: Array
+
+    @classmethod
+    def of(cls, arm: ArmArrays, configurations: Array) -> _Chords:
+        frames = np.zeros((len(configurations), len(arm.prismatic) + 2, 4, 4))
+        frames[:, -1] = np.eye(4)
+        place_all(arm, np.ascontiguousarray(configurations), frames)
+        # Where the chords end, by how far points move from sample to sample.
+        along = np.concatenate([[0.0], np.cumsum(_largest_motions(arm, frames))])
+        steps = np.arange(0.0, along[-1] + CHORD_MOTION_M, CHORD_MOTION_M)
+        last = np.searchsorted(along, steps[1:], "right") - 1
+        ends = np.unique([0, *last.tolist(), len(along) - 1])
+        begin, end = (ends[:-1], ends[1:]) if len(ends) > 1 else (ends, ends)
+        middles = (begin + end) // 2
+        reach = np.maximum(along[end] - along[middles], along[middles] - along[begin])
+        return cls(ends, middles, float(reach.max()), frames[middles])
+
+
 class SweptSpace:
     """What is swept along the stretches of a path, and what was known when it was planned.
 
@@ -113,23 +131,13 @@ class SweptSpace:
         density: float = np.inf,
     ) -> None:
         self._stretches = tuple(stretches)
-        self._margin = margin + BOUND_TOLERANCE_M
+        self._margin = margin
         self._known = known.arrays
         # Points as near as that to what is known are no news, and how many must lie together.
-        self._known_within = max(margin, _KNOWN_SURFACE_NOISES * known.noise)
+        self._known_within = max(margin + BOUND_TOLERANCE_M, _KNOWN_SURFACE_NOISES * known.noise)
         self._together = _CLUSTER_CELLS * known.cell_size
         self._fewest = _CLUSTER_POINTS if density >= _SPARSE_POINTS_PER_CELL else 1
-        self._paths = []
-        marks = 0
-        # Frames of each stretch, with half of the motion between two of them.
-        for stretch in stretches:
-            arrays = stretch.arm.arrays
-            frames = _frames_along(arrays, stretch.configurations)
-            slack = _HALF_WAY_SHARE * float(largest_motions(arrays, frames).max(initial=0.0))
-            self._paths.append(
-                SweptPath(arrays, frames, slack, stretch.contact, *stretch.slope, marks)
-            )
-            marks += -(-len(frames) // BLOCK_CONFIGURATIONS)
+        self._chords = [_Chords.of(s.arm.arrays, s.configurations) for s in stretches]
         self._cubes = self._sweep()
 
     def news(self, points: Array) -> npt.NDArray[np.int64]:
@@ -140,51 +148,92 @@ class SweptSpace:
 
     def first_hit(self, points: Array) -> Hit | None:
         """Which of (n, 3) points of `news` stands in the way, if enough of them lie together."""
-        points, cubes = np.ascontiguousarray(points), self._cubes
-        work = np.zeros((6, 4)), np.zeros((1, 3))
-        for stretch, path in zip(self._stretches, self._paths, strict=True):
-            row, body = find_hit(
-                points, cubes, path, self._margin, self._together, self._fewest, work
+        low = self._cubes.origin
+        high = low + self._cubes.size * np.array(self._cubes.swept.shape)
+        points = points[((points >= low) & (points <= high)).all(axis=1)]
+        if len(points) and self._fewest > 1:
+            company = KDTree(points).query_ball_point(
+                points, self._together, p=np.inf, return_length=True
             )
-            if row >= 0:
-                return Hit(points[row], stretch.name, stretch.arm.body_names[body])
+            points = points[company >= self._fewest]
+        for stretch, chords in zip(self._stretches, self._chords, strict=True):
+            # Points of its support do not count for the held object.
+            height = points[:, 2] - points[:, :2] @ np.array(stretch.slope)
+            for counted, contact in (
+                (height > stretch.contact, False),
+                (height <= stretch.contact, True),
+            ):
+                if counted.any():
+                    hit = self._hit_on(stretch, chords, points[counted], contact)
+                    if hit is not None:
+                        return hit
+        return None
+
+    def _hit_on(
+        self, stretch: Stretch, chords: _Chords, points: Array, contact: bool
+    ) -> Hit | None:
+        """The first of points (n, 3) that keep a chord of a stretch from being certified."""
+        as_they_are = GridSettings(self._known.cell_size, noise_floor=1.0, min_points=0)
+        settings = replace(stretch.arm.settings, collision_margin=self._margin)
+        arm = stretch.arm.among(ObstacleSet.from_points(points, as_they_are), settings)
+        Q = stretch.configurations
+        for a, b, deviation, middle in _straight_chords(Q, chords):
+            if arm.edge_free(a, b, contact=contact, deviation=deviation):
+                continue
+            # Where on the chord, as nearly as its ends and its middle tell.
+            for q in (middle, a, b):
+                met = arm.meeting(q, chords.reach, contact)
+                if met is not None:
+                    nearest = np.linalg.norm(points - met.where, axis=1).argmin()
+                    return Hit(points[nearest], stretch.name, met.first)
+            return Hit(points[0], stretch.name, "the arm")
         return None
 
     def _sweep(self) -> SweptCubes:
         # A grid around all that is swept.
-        reach = [self._margin + path.slack * BLOCK_CONFIGURATIONS for path in self._paths]
+        reach = [self._margin + BOUND_TOLERANCE_M + chords.reach for chords in self._chords]
         lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-        for path, beyond in zip(self._paths, reach, strict=True):
-            extend_corners(path, beyond, lower, upper)
+        for stretch, chords, beyond in zip(self._stretches, self._chords, reach, strict=True):
+            for ball, centers, _ in _moving_balls(stretch.arm.arrays, chords.frames):
+                lower = np.minimum(lower, centers.min(axis=0) - ball - beyond)
+                upper = np.maximum(upper, centers.max(axis=0) + ball + beyond)
         sides = np.maximum(upper - lower, 1e-3)
         size = max(_CUBE_EDGE_M, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
         shape = tuple((np.floor(sides / size) + 1.0).astype(int).tolist())
-        cubes = SweptCubes(
-            lower, size, np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
-        )
+        cubes = SweptCubes(lower, size, np.zeros(shape, dtype=np.bool_))
         # Mark the cubes of each stretch.
-        for path, beyond in zip(self._paths, reach, strict=True):
-            mark_cubes(path, beyond, cubes)
+        for stretch, chords, beyond in zip(self._stretches, self._chords, reach, strict=True):
+            mark_cubes(stretch.arm.arrays, chords.frames, beyond, cubes)
         return cubes
 
 
-def even_times(arm: ArmCollision, coarse: Array, times: Array) -> Array:
-    """Times (n,) at which a curve is to be looked at for a `Stretch`.
+def _straight_chords(Q: Array, chords: _Chords) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Both ends of each chord of samples Q (k, dof), how far joints stray from it, its middle."""
+    if len(Q) == 1:
+        yield Q[0], Q[0], np.zeros(Q.shape[1]), Q[0]
+        return
+    for i, j, middle in zip(chords.ends[:-1], chords.ends[1:], chords.middles, strict=True):
+        share = np.linspace(0.0, 1.0, j - i + 1)[:, None]
+        strays = np.abs(Q[i : j + 1] - (Q[i] + share * (Q[j] - Q[i]))).max(axis=0)
+        yield Q[i], Q[j], strays, Q[middle]
 
-    Args:
-        coarse: (k, dof) the curve at `times`, dense enough that it is straight in between.
-        times: (k,).
+
+def _largest_motions(arm: ArmArrays, frames: Array) -> Array:
+    """(k - 1,) how far points of bodies move at most from each of (k, n + 2, 4, 4) to the next.
+
+    A point of the ball around a body moves no further than its centre, and the radius times the
+    change of the rotation matrix; a turn by one angle has two equal singular values.
     """
-    # Times at even steps of the greatest motion.
-    moved = largest_motions(arm.arrays, _frames_along(arm.arrays, coarse))
-    along = np.concatenate([[0.0], np.cumsum(moved)])
-    number = int(np.ceil(along[-1] / MOTION_BETWEEN_M))
-    return np.asarray(np.interp(np.linspace(0.0, along[-1], number + 1), along, times))
+    moved = np.zeros(len(frames) - 1)
+    for radius, centers, rotations in _moving_balls(arm, frames):
+        turned = np.sqrt(0.5 * np.square(np.diff(rotations, axis=0)).sum(axis=(1, 2)))
+        far = np.linalg.norm(np.diff(centers, axis=0), axis=1)
+        moved = np.maximum(moved, far + radius * turned)
+    return moved
 
 
-def _frames_along(arm: ArmArrays, configurations: Array) -> Array:
-    """(k, n + 2, 4, 4) joint frames at (k, dof)."""
-    frames = np.zeros((len(configurations), len(arm.prismatic) + 2, 4, 4))
-    frames[:, -1] = np.eye(4)
-    place_all(arm, np.ascontiguousarray(configurations), frames)
-    return frames
+def _moving_balls(arm: ArmArrays, frames: Array) -> Iterator[tuple[float, Array, Array]]:
+    """Radius, centres (k, 3) and rotations (k, 3, 3) of the ball around each body that moves."""
+    for (joint, *_), ball in zip(arm.bodies[: arm.moving], arm.body_spheres, strict=False):
+        rotations = frames[:, joint, :3, :3]
+        yield float(ball[3]), rotations @ ball[:3] + frames[:, joint, :3, 3], rotations

@@ -15,7 +15,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.swept.space import Stretch, SweptSpace, even_times
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -107,10 +107,8 @@ def _stretches(
     contact = goal.contact_height + settings.contact_tolerance
     path, begin = placement.trajectory, placement.approach_start
     stretches = [
-        Stretch("transit", holding, _dense(holding, path, 0.0, begin)),
-        Stretch(
-            "approach", holding, _dense(holding, path, begin, path.duration), contact, goal.slope
-        ),
+        Stretch("transit", holding, _dense(path, 0.0, begin)),
+        Stretch("approach", holding, _dense(path, begin, path.duration), contact, goal.slope),
     ]
     if placement.retreat is not None:
         opening = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
@@ -122,16 +120,15 @@ def _stretches(
         retreat = placement.retreat
         stretches += [
             Stretch("release", sweeping, path.positions[-1:]),
-            Stretch("retreat", leaving, _dense(leaving, retreat, 0.0, retreat.duration)),
+            Stretch("retreat", leaving, _dense(retreat, 0.0, retreat.duration)),
         ]
     return stretches
 
 
-def _dense(arm: ArmCollision, curve: Trajectory, begin: float, end: float) -> Array:
+def _dense(curve: Trajectory, begin: float, end: float) -> Array:
     """(k, dof) the curve from one time to another, as a `Stretch` needs it."""
     number = int(np.clip(SAMPLES_PER_S * (end - begin), 50, 20_000))
-    times = np.linspace(begin, end, number)
-    return positions_at(curve, even_times(arm, positions_at(curve, times), times))
+    return positions_at(curve, np.linspace(begin, end, number))
 
 
 def outdated_inputs(snapshot: Snapshot, inputs: Inputs) -> str:
