@@ -89,7 +89,7 @@ def test_every_stage_of_making_a_planner_can_be_given_up():
         "making arm left, for the first time with grasp 0",
         "opening the hand of arm left",
         "covering yumi_link_7_l",
-        "comparing left, for the first time.grasps[0] with link",
+        "comparing the object with link",
         "looking what of arm left",
         "making the bounds",
         "making the sampler",

@@ -33,8 +33,8 @@ from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, che
 from placement_planner_ros.core.collision.hand import hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import (
+    depths_in_links,
     object_in_hand,
-    object_overlaps,
     object_solids,
 )
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
@@ -49,7 +49,6 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.surface import Solid, nearest
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -493,7 +492,7 @@ def _flat_arm(
             parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
             still = [link for link in others if link.joint == tip_joint]
-            _check_grasp(robot, data, arm, grasp, body, still)
+            _check_grasp(robot, q, arm, grasp, body, still)
         # Every link but those that may touch it is to keep off the object.
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
@@ -540,25 +539,13 @@ def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
 
 
 def _check_grasp(
-    robot: Robot, data: pin.Data, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
+    robot: Robot, q: Array, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
 ) -> None:
     """Raise if the object, held, overlaps links that it does not move against."""
-    # Every link that stands still against the object, with every solid of it.
-    T_object = data.oMf[robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
-    depths: dict[str, float] = {}
     still = {link.name for link in links}
-    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    for i, (link, thing) in enumerate(
-        zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
-    ):
-        if link not in still:
-            continue
-        step(f"comparing {arm.name}.grasps[{grasp}] with link {link}")
-        T_link = data.oMi[thing.parentJoint] * thing.placement
-        for j in range(first, len(overlaps.shapes)):
-            depth = overlaps.depth_in_words(i, j, T_link, T_object)
-            if depth > 0.0:
-                depths[link] = max(depth, depths.get(link, 0.0))
+    rows = [i for i, link in enumerate(robot.geometry_links) if link in still]
+    T_object = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
+    depths = depths_in_links(robot, body, rows, robot.geometry_poses(q), T_object)
     if depths:
         raise object_in_hand(arm, grasp, depths)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import coal
@@ -16,7 +15,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
-from placement_planner_ros.core.collision.meshes import tree_order
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.errors import GraspError
@@ -24,16 +22,9 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, outermost, triangles_of
 from placement_planner_ros.core.robot.surface import PIECE, Solid, Surface
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
-
-Indices = npt.NDArray[np.int64]
-
-_EXACT_TRIANGLES = 20_000
-"""Triangles up to which depths are told as exactly as they are found."""
-
-_ROUGH_DEPTH_M = 2e-3
-"""Metres that a depth in words may be wrong by at either side of a mesh with more of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +48,6 @@ class ObjectSolid:
         """(t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet."""
         closed = self.mesh is not None and self.mesh.cover.closed
         return triangles_of(self.geometry) if closed else None
-
-    @functools.cached_property
-    def rough(self) -> Solid:
-        """`geometry`, or where that has more than `_EXACT_TRIANGLES` triangles, fewer that are
-        nowhere further from it than `_ROUGH_DEPTH_M`; for depths that are only told."""
-        if self.mesh is None or len(self.mesh.triangles) <= _EXACT_TRIANGLES:
-            return self.geometry
-        vertices, rows = rounded_mesh(self.mesh.vertices, self.mesh.triangles, _ROUGH_DEPTH_M)
-        corners = vertices[rows]
-        order, first = tree_order(corners.mean(axis=1), PIECE)
-        assert isinstance(self.geometry, Surface)
-        return Surface(corners[order], first, self.geometry.connected)
 
 
 @weak_lru_cache("body", maxsize=1)
@@ -116,33 +95,28 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]
     solids = object_solids(body)
-    return Overlaps(
-        [*links, *(solid.geometry for solid in solids)],
-        rough=lambda: [*links, *(solid.rough for solid in solids)],
-    )
+    return Overlaps([*links, *(solid.geometry for solid in solids)])
 
 
-def rounded_mesh(vertices: Array, triangles: Indices, most: float) -> tuple[Array, Indices]:
-    """A mesh (n, 3), (t, 3) whose vertices are moved by no more than `most` metres onto a grid;
-    triangles that become a line, a point or one another are left out."""
-    # Vertices that fall into one cell of the grid are one.
-    side = 2.0 * most / np.sqrt(3.0)
-    cells = np.rint(vertices / side).astype(np.int64)
-    first, index = _distinct_rows(cells - cells.min(axis=0))
-    # Triangles that kept three corners.
-    rows = index[triangles]
-    rows = rows[(rows != np.roll(rows, 1, axis=1)).all(axis=1)]
-    # Turned so that the least comes first: the same triangle, facing the same way, is the same row.
-    least = rows.argmin(axis=1)[:, None]
-    rows = np.take_along_axis(rows, (least + np.arange(3)) % 3, axis=1)
-    return cells[first] * side, rows[_distinct_rows(rows)[0]]
+def depths_in_links(
+    robot: Robot, body: Body, rows: Sequence[int], places: Sequence[pin.SE3], T_object: pin.SE3
+) -> dict[str, float]:
+    """How deep, metres, the object lies in each link that it overlaps.
 
-
-def _distinct_rows(rows: Indices) -> tuple[Indices, Indices]:
-    """Of rows (n, 3) of numbers from 0 to 2²⁰ the first of each kind, and the kind of each."""
-    keys = rows @ np.array([1 << 40, 1 << 20, 1])
-    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
-    return first, kind.reshape(-1)
+    Args:
+        rows: the robot's geometries that are looked at.
+        places: of all of them.
+    """
+    depths: dict[str, float] = {}
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    for i in rows:
+        link = robot.geometry_links[i]
+        step(f"comparing the object with link {link}")
+        for j in range(first, len(overlaps.shapes)):
+            depth = overlaps.depth(i, j, places[i], T_object)
+            if depth > 0.0:
+                depths[link] = max(depth, depths.get(link, 0.0))
+    return depths
 
 
 def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:

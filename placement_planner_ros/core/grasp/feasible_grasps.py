@@ -15,13 +15,10 @@ from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.start_state_check import (
     Fault,
+    StartState,
     beyond_limits,
-    in_keep_out,
     met_environment,
-    met_itself,
     none_usable,
-    tilt_fault,
-    touches_clouds,
 )
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
@@ -45,7 +42,7 @@ def usable_holdings(
         GraspError: in every grasp the object overlaps the arm, or the hand could not let it go.
     """
     body, environment = problem.body, problem.environment
-    keep_out, margin = problem.environment.keep_out, settings.collision.collision_margin
+    keep_out = problem.environment.keep_out
     holdings: list[list[Holding]] = []
     faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
@@ -62,6 +59,7 @@ def usable_holdings(
         step(f"making the open hand of arm {arm.name}")
         arm = _within_limits(arm, q_start)
         moving = MovingArm(problem.robot, arm, problem.q_start)
+        placed = StartState(moving.robot, moving.q_rest)
         open_hands: dict[int, OpenHand] = {}
         for grasp in range(len(arm.grasps)):
             step(f"making arm {arm.name} with grasp {grasp}")
@@ -82,10 +80,10 @@ def usable_holdings(
                 bad_grasps.append(error)
                 continue
             # Whether q_0 is free with the object held so.
-            fault = in_keep_out(moving, grasp, body, keep_out, margin) if len(keep_out) else None
-            if fault is None:
-                fault = _why_not_free(holding, obstacles, margin)
-            if fault is not None:
+            fault = _why_not_free(holding, placed, obstacles, settings, keep_out)
+            if isinstance(fault, GraspError):
+                bad_grasps.append(fault)
+            elif fault is not None:
                 words = f"{arm.name} with grasp {grasp}: {fault.words}"
                 faults.append(Fault(words, fault.remedies))
             else:
@@ -118,25 +116,28 @@ def lay_out_holdings(
                     Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
 
 
-def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:
+def _why_not_free(
+    holding: Holding,
+    placed: StartState,
+    obstacles: ObstacleSet,
+    settings: GraspSettings,
+    keep_out: Array,
+) -> Fault | GraspError | None:
     """What q_0 collides with, or how the object leans there; None where all is well."""
-    # The object's tilt first.
-    if holding.upright is not None:
-        leans = tilt_fault(holding.upright.limit, holding.upright.tilt(holding.q_start))
-        if leans is not None:
-            return leans
-    # Then the robot against itself.
-    alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
-    robot, q_start = holding.moving.robot, holding.moving.q_rest
-    of_robot = alone.meeting(holding.q_start)
-    if of_robot is not None:
-        return met_itself(robot, q_start, [(of_robot.first, of_robot.second)])
-    # Then the environment, and whether the cloud touches the object itself.
-    with_cloud = holding.collision.explain(holding.q_start)
-    if not with_cloud:
-        return None
-    touching = touches_clouds(holding.moving, holding.grasp, holding.held.body, obstacles)
-    return met_environment(with_cloud, not touching, margin)
+    held = holding.arm, holding.grasp
+    body, keep = holding.held.body, settings.collision
+    fault = placed.leans(*held, settings.tilt)
+    if fault is None and len(keep_out):
+        fault = placed.kept_out(keep_out, *held, body, keep.collision_margin)
+    if fault is not None or holding.collision.free(holding.q_start):
+        return fault
+    # What is not certain to be free, in words; so close to the margin that coal calls it free.
+    return (
+        placed.met(holding.arm, keep.self_margin)
+        or placed.met_in(obstacles, holding.arm, keep.collision_margin)
+        or placed.met_when_held(*held, body, keep, obstacles)
+        or met_environment(holding.collision.explain(holding.q_start), True, keep.collision_margin)
+    )
 
 
 def _within_limits(arm: Arm, q_start: Array) -> Arm:

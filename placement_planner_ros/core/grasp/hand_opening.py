@@ -5,24 +5,19 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.collision.object_solids import (
-    coal_transform,
-    object_overlaps,
-    object_solids,
-)
+from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.grasp.hand_sweep import STILL_M, revolute_coordinates
 from placement_planner_ros.core.grasp.settings import PARTING_M
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh
+from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -90,16 +85,12 @@ class _Finger:
         number: of the robot's geometries.
         places: where it is from the beginning to the end of opening.
         travel: no point of it gets further than this from where it begins, metres.
-        slides: whether it is convex and slides, so that its distance from convex things is a convex
-            function of the way.
     """
 
     number: int
     link: str
-    geometry: coal.CollisionGeometry
     places: tuple[pin.SE3, ...]
     travel: float
-    slides: bool
 
 
 Depths = tuple[tuple[str, float], ...]
@@ -115,12 +106,8 @@ def _pushing_links(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: byte
     deepest: dict[str, float] = {}
     # Every finger that moves against every solid of the object.
     for finger in _moving_fingers(robot, arm, q_bytes):
-        for number, solid in enumerate(object_solids(body), first):
-            meshes = (finger.geometry, solid.geometry)
-            if any(is_mesh(each) for each in meshes):
-                depth = _mesh_deeper(finger, overlaps, number, at)
-            else:
-                depth = _added_depth(finger, solid.geometry, at)
+        for number in range(first, len(overlaps.shapes)):
+            depth = _added_depth(finger, overlaps, number, at)
             if depth > _ADDED_DEPTH_M:
                 deepest[finger.link] = max(depth, deepest.get(finger.link, 0.0))
     return tuple(deepest.items())
@@ -149,29 +136,8 @@ def _stuck_links(
     return tuple(found.items())
 
 
-def _added_depth(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3) -> float:
-    """How much deeper it gets into a part than it begins, metres; only looked at where it might."""
-    # Too far apart to meet on the way.
-    at = coal_transform(T_part)
-    first = _signed_distance(finger, 0, part, at)
-    if first > finger.travel:
-        return 0.0
-    # A convex solid: the distance is convex along the way, so that its first step bounds the rest.
-    allowed = min(first, 0.0)
-    second = _signed_distance(finger, 1, part, at)
-    steps = len(finger.places) - 1
-    if finger.slides and first + steps * min(second - first, 0.0) > allowed - _ADDED_DEPTH_M:
-        return 0.0
-    # Else the least distance at all places on the way.
-    least = second
-    for stage in range(2, steps + 1):
-        step(f"looking whether {finger.link} opens into the object")
-        least = min(least, _signed_distance(finger, stage, part, at))
-    return allowed - least
-
-
-def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) -> float:
-    """The same where one of both is a mesh, the object's solid being of that number."""
+def _added_depth(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) -> float:
+    """How much deeper it gets into the object's solid of that number than it begins, metres."""
     # Balls around both, too far apart to meet on the way.
     i, places = finger.number, finger.places
     apart = np.linalg.norm(places[0].act(overlaps.centers[i]) - at.act(overlaps.centers[number]))
@@ -228,8 +194,7 @@ def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ..
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
         if travel > STILL_M:
             places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
-            slides = turned < STILL_M and not is_mesh(thing.geometry)
-            fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
+            fingers.append(_Finger(i, link, places, travel))
     return tuple(fingers)
 
 
@@ -242,21 +207,3 @@ def _moved_joints(robot: Robot, change: Array) -> set[int]:
         if own.any() or robot.model.parents[joint] in moved:
             moved.add(joint)
     return moved
-
-
-def _signed_distance(
-    finger: _Finger, stage: int, part: coal.CollisionGeometry, at: coal.Transform3s
-) -> float:
-    """Signed distance, metres."""
-    request = coal.DistanceRequest()
-    request.enable_signed_distance = True
-    return float(
-        coal.distance(
-            finger.geometry,
-            coal_transform(finger.places[stage]),
-            part,
-            at,
-            request,
-            coal.DistanceResult(),
-        )
-    )

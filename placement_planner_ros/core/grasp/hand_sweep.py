@@ -12,8 +12,9 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
+from placement_planner_ros.core.body.convex_cover import MAX_VERTICES, PLAIN_VERTICES
+from placement_planner_ros.core.body.polytope import hull_around, simpler_hull
 from placement_planner_ros.core.collision.shapes import shape_of
-from placement_planner_ros.core.grasp.hull_simplification import few_corners
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import LinkCover, convex_shape
 from placement_planner_ros.core.robot.model import Robot
@@ -73,7 +74,9 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
             covers.append(cover)
             continue
         # Its corners, placed at every copy.
-        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED_CORNER_M)
+        local = _solid_vertices(thing.geometry, link)
+        if len(local) > PLAIN_VERTICES:
+            local = simpler_hull(hull_around(local), _ROUNDED_CORNER_M, MAX_VERTICES).vertices
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
         copies = [_transformed_points(frame[joint] * thing.placement, local) for frame in frames]
@@ -92,7 +95,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
             step(f"making what {link} sweeps as the hand opens")
             hull = convex_shape(np.vstack([before, after]))
-            hull.setSweptSphereRadius(strays + lost)
+            hull.setSweptSphereRadius(strays)
             swept.addGeometryObject(
                 pin.GeometryObject(
                     f"{thing.name}_{k}", joint, thing.parentFrame, frames[0][joint].inverse(), hull

@@ -1,8 +1,7 @@
 """The check of the start: limits, self-collision, tilt and collision at q_0.
 
-What `usable_holdings` asks, by coal alone: in milliseconds, for any robot, and before anything is
-compiled or covered with spheres. What is refused here is refused there; there, what lies so close
-to a margin that nothing is certain is refused too.
+By coal alone: in milliseconds, for any robot, and before anything is compiled or covered with
+spheres. `usable_holdings` asks it why, where q_0 is not certain to be free.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ from placement_planner_ros.core.collision.arm import (
 )
 from placement_planner_ros.core.collision.object_solids import (
     coal_transform,
+    depths_in_links,
     object_in_hand,
     object_overlaps,
     object_solids,
@@ -34,12 +34,10 @@ from placement_planner_ros.core.errors import GraspError, PlacementPlannerError,
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
 from placement_planner_ros.core.robot.surface import Solid, meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 WITH_CLOUDS = "in collision with the clouds"
 """How a collision with the obstacle set begins, in words."""
@@ -50,9 +48,6 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
-_MOST_PRESSED_M = 0.006
-"""Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
-way may have it, without a word."""
 _Thing = tuple[str, Solid, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
 _NAMED_PAIRS = 3
@@ -99,7 +94,7 @@ def faults_at_start(
     faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
     usable = 0
-    placed = _Placed(robot, q_start)
+    placed = StartState(robot, q_start)
     margin = settings.collision_margin
     for arm in arms:
         # What the arm meets wherever the object is held.
@@ -111,26 +106,16 @@ def faults_at_start(
             bad_grasps += placed.bad_grasps(arm, body)  # wherever the arm is
             continue
         for grasp in range(len(arm.grasps)):
-            # What the object meets in each grasp: the hand, other links, boxes, the cloud.
-            depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
-            in_cloud = None
-            if keep_out is not None and not (depths or link):
-                in_cloud = placed.kept_out(keep_out, arm, grasp, body, margin)
-            if obstacles is not None and not (depths or link or in_cloud):
-                in_cloud = placed.met_by_object_in(obstacles, arm, grasp, body, margin)
-            name = f"{arm.name} with grasp {grasp}"
-            leans = placed.leans(arm, grasp, tilt)
-            if leans is not None:
-                faults.append(Fault(f"{name}: {leans.words}", leans.remedies))
-            elif in_cloud is not None:
-                faults.append(Fault(f"{name}: {in_cloud.words}", in_cloud.remedies))
-            elif depths:
-                bad_grasps.append(object_in_hand(arm, grasp, depths))
-            elif not link:
+            found = placed.leans(arm, grasp, tilt) or placed.met_when_held(
+                arm, grasp, body, settings, obstacles, keep_out
+            )
+            if found is None:
                 usable += 1
+            elif isinstance(found, GraspError):
+                bad_grasps.append(found)
             else:
-                met = f"in self-collision: {HELD_OBJECT} meets {link}"
-                faults.append(Fault(f"{name}: {met}", (CHECK_GRASP, MOVE_ROBOT)))
+                words = f"{arm.name} with grasp {grasp}: {found.words}"
+                faults.append(Fault(words, found.remedies))
     if not usable:
         raise none_usable(faults, bad_grasps)
     return (*map(str, bad_grasps), *map(str, faults))
@@ -154,7 +139,7 @@ def tilts_at_start(
     robot: Robot, arms: tuple[Arm, ...], q_start: Array, limit: TiltLimit
 ) -> tuple[str, ...]:
     """By how much the object leans at q_0 (nq,) in each grasp, in words."""
-    placed = _Placed(robot, q_start)
+    placed = StartState(robot, q_start)
     return tuple(
         f"{arm.name} with grasp {grasp}: object.up is {in_degrees(placed.tilt(arm, grasp, limit))} "
         f"from the vertical at q_0 (carry.max_tilt: {in_degrees(limit.most)})"
@@ -166,43 +151,6 @@ def tilts_at_start(
 def in_degrees(angle: float) -> str:
     """An angle in rad for people, and as parameters have it."""
     return f"{math.degrees(angle):.1f}° ({angle:.4g} rad)"
-
-
-def in_keep_out(
-    holding: MovingArm, grasp: int, body: Body, keep_out: Array, margin: float
-) -> Fault | None:
-    """What of an arm at rest, and of the object in a grasp, is in boxes (k, 2, 3), or nearer to
-    them than the margin; None where nothing is."""
-    placed = _Placed(holding.robot, holding.q_rest)
-    return placed.kept_out(keep_out, holding.arm, grasp, body, margin)
-
-
-def deep_fingers(
-    robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body
-) -> tuple[str, ...]:
-    """Of each grasp in which, as the hand is at q_0 (nq,), the object lies deep in links that may
-    touch it: in which and how deep, in words."""
-    q = q_start.copy()
-    for arm in arms:
-        q[arm.q_index] = 0.0  # wherever the arm is
-    return _deep_fingers(robot, arms, q.round(4).tobytes(), body)
-
-
-@weak_lru_cache("body", maxsize=16)
-def _deep_fingers(
-    robot: Robot, arms: tuple[Arm, ...], q_bytes: bytes, body: Body
-) -> tuple[str, ...]:
-    """Kept from start to start, as it takes tens of milliseconds."""
-    placed = _Placed(robot, np.frombuffer(q_bytes))
-    said = (placed.pressed(arm, grasp, body) for arm in arms for grasp in range(len(arm.grasps)))
-    return tuple(words for words in said if words)
-
-
-def touches_clouds(holding: MovingArm, grasp: int, body: Body, obstacles: ObstacleSet) -> bool:
-    """Whether the arm at q_0, or the object in that grasp, meets a box, whatever the margin."""
-    placed, arm = _Placed(holding.robot, holding.q_rest), holding.arm
-    met = placed.met_in(obstacles, arm, 0.0)
-    return (met or placed.met_by_object_in(obstacles, arm, grasp, body, 0.0)) is not None
 
 
 def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementPlannerError:
@@ -283,7 +231,7 @@ def met_environment(met: str, near: bool, margin: float) -> Fault:
     return Fault(f"{WITH_CLOUDS}: {within}", ("lower collision_margin", MOVE_ROBOT, FILTER_ITSELF))
 
 
-class _Placed:
+class StartState:
     """The robot's geometries at one configuration (nq,)."""
 
     def __init__(self, robot: Robot, q: Array) -> None:
@@ -320,8 +268,7 @@ class _Placed:
 
     def tilt(self, arm: Arm, grasp: int, limit: TiltLimit) -> float:
         """Angle of the held object's `up` from the vertical, rad."""
-        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
-        return limit.tilt(T.rotation)
+        return limit.tilt(self._at(arm, grasp).rotation)
 
     def leans(self, arm: Arm, grasp: int, limit: TiltLimit | None) -> Fault | None:
         """Whether the held object leans by more than it may."""
@@ -331,71 +278,66 @@ class _Placed:
         """Grasps in which the object lies in the hand."""
         found = []
         for grasp in range(len(arm.grasps)):
-            depths, _ = self.met_by_object(arm, grasp, body, 0.0)
+            depths = self.depths_in_hand(arm, grasp, body)
             if depths:
                 found.append(object_in_hand(arm, grasp, depths))
         return found
 
-    def pressed(self, arm: Arm, grasp: int, body: Body) -> str:
-        """In words, in which links that may touch it the object lies deep; '' where in none."""
-        # The object in that grasp.
-        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+    def met_when_held(
+        self,
+        arm: Arm,
+        grasp: int,
+        body: Body,
+        settings: CollisionSettings,
+        obstacles: ObstacleSet | None = None,
+        keep_out: Array | None = None,
+    ) -> Fault | GraspError | None:
+        """What the object meets in a grasp: the hand, boxes to keep out of, another link, the
+        environment; None where nothing."""
+        depths = self.depths_in_hand(arm, grasp, body)
+        if depths:
+            return object_in_hand(arm, grasp, depths)
+        link = self.met_by_object(arm, grasp, body, settings.self_margin)
+        if link:
+            words = f"in self-collision: {HELD_OBJECT} meets {link}"
+            return Fault(words, (CHECK_GRASP, MOVE_ROBOT))
+        margin, fault = settings.collision_margin, None
+        if keep_out is not None:
+            fault = self.kept_out(keep_out, arm, grasp, body, margin)
+        if obstacles is not None:
+            fault = fault or _met_in(obstacles, self._held(arm, grasp, body), margin)
+        return fault
+
+    def depths_in_hand(self, arm: Arm, grasp: int, body: Body) -> dict[str, float]:
+        """How deep, metres, the object lies in links of the hand that it may not touch."""
+        rows = np.flatnonzero(self._in_hand(arm)).tolist()
+        rows = [i for i in rows if self._robot.geometry_links[i] not in arm.touch_links]
+        return depths_in_links(self._robot, body, rows, self._places, self._at(arm, grasp))
+
+    def met_by_object(self, arm: Arm, grasp: int, body: Body, margin: float) -> str:
+        """Which link that is not of the hand the object meets first; '' where none."""
+        T = self._at(arm, grasp)
         overlaps, first = object_overlaps(self._robot, body), len(self._solids)
-        deep: dict[str, float] = {}
-        # Links whose ball is near a solid's, and which may touch it.
+        others = ~self._in_hand(arm)
         for j in range(first, len(overlaps.shapes)):
             away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
-            for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
+            near = away <= self._radii + overlaps.radii[j] + margin
+            for i in np.flatnonzero(near & others).tolist():
                 link = self._robot.geometry_links[i]
-                if link in arm.touch_links:
-                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED_M)
-                    if depth > _MOST_PRESSED_M:
-                        deep[link] = max(depth, deep.get(link, 0.0))
-        if not deep:
-            return ""
-        links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in deep.items())
-        return (
-            f"{arm.name}.grasps[{grasp}]: as the hand stands, the object lies in {links}, which is "
-            "taken to come out of it as the hand opens; check the gripper's joints in "
-            "joint_states, the grasp and object.scale"
-        )
+                if link not in arm.touch_links and overlaps.meet(i, j, self._places[i], T, margin):
+                    return link
+        return ""
 
-    def met_by_object(
-        self, arm: Arm, grasp: int, body: Body, margin: float
-    ) -> tuple[dict[str, float], str]:
-        """How deep the object lies in links of the hand, metres; and which other link it meets
-        first, '' where none."""
+    def _at(self, arm: Arm, grasp: int) -> pin.SE3:
+        """Where the object is in a grasp."""
+        return self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+
+    def _in_hand(self, arm: Arm) -> npt.NDArray[np.bool_]:
+        """Which geometries move with the hand."""
         robot, model = self._robot, self._robot.model
-        frame = robot.frame_id(arm.tip_frame)
-        T = self._data.oMf[frame] * arm.grasps[grasp]
-        place = coal_transform(T)
-        # Which geometries move with the hand.
-        carried = _carrying_joints(robot, arm)
-        hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
-        in_hand = carried == hand
-        overlaps, first = object_overlaps(robot, body), len(self._solids)
-        depths: dict[str, float] = {}
-        met = ""
-        for rows, kept in ((in_hand, 0.0), (~in_hand, margin)):
-            # Links of the hand without a margin, then all others with it.
-            for j, part in enumerate(object_solids(body), first):
-                away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
-                near = away <= self._radii + overlaps.radii[j] + kept
-                for i in np.flatnonzero(near & rows).tolist():
-                    link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
-                    if link in arm.touch_links:
-                        continue
-                    # How deep the object lies in a link of the hand; whether it meets another.
-                    if in_hand[i]:
-                        depth = overlaps.depth_in_words(i, j, self._places[i], T)
-                        if depth > 0.0:
-                            depths[link] = max(depth, depths.get(link, 0.0))
-                    elif not met and (
-                        meet(part.geometry, place, solid, T_solid, kept)
-                        or overlaps.nested(i, j, self._places[i], T)
-                    ):
-                        met = link
-        return depths, met
+        tip = model.frames[robot.frame_id(arm.tip_frame)].parentJoint
+        hand = arm_joint(model, _joint_ids(robot, arm), tip)
+        return np.asarray(_carrying_joints(robot, arm) == hand)
 
     def kept_out(
         self, boxes: Array, arm: Arm, grasp: int, body: Body, margin: float
@@ -418,15 +360,9 @@ class _Placed:
         moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
         return [(self._robot.geometry_links[i], *self._solids[i], None) for i in moved]
 
-    def met_by_object_in(
-        self, obstacles: ObstacleSet, arm: Arm, grasp: int, body: Body, margin: float
-    ) -> Fault | None:
-        """Whether the object that the arm holds meets the environment; None where it does not."""
-        return _met_in(obstacles, self._held(arm, grasp, body), margin)
-
     def _held(self, arm: Arm, grasp: int, body: Body) -> list[_Thing]:
         """The object in that grasp."""
-        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+        T = self._at(arm, grasp)
         return [
             (HELD_OBJECT, solid.geometry, coal_transform(T), solid.around)
             for solid in object_solids(body)

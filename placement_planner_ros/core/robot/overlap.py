@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
 from itertools import product
 
@@ -24,9 +24,6 @@ FIRST_STEP_M = 1e-3
 
 DEPTH_RESOLUTION_M = 5e-4
 """Metres that a depth is found to."""
-
-ROUGH_SHARE = 0.25
-"""By which share a depth that is told of rough shapes may be more than it is."""
 
 ROUNDING_M = 1e-9
 """Metres."""
@@ -63,19 +60,15 @@ class Overlaps:
         centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
 
     Args:
-        rough: makes the same shapes, large meshes of them with fewer triangles, for
-            `depth_in_words`; the shapes themselves unless given.
         surfaces: of each shape, where there are any, the mesh that it was made of.
     """
 
     def __init__(
         self,
         shapes: Sequence[Solid],
-        rough: Callable[[], Sequence[Solid]] | None = None,
         surfaces: Sequence[MeshSurface | None] = (),
     ) -> None:
         self.shapes = list(shapes)
-        self._make_rough = rough
         for shape in self.shapes:
             shape.computeLocalAABB()
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
@@ -83,7 +76,6 @@ class Overlaps:
         self._surfaces = dict(enumerate(surfaces))
         self._pieces: dict[int, tuple[Array, ...]] = {}
         self._corners: dict[int, Array] = {}
-        self._rough: Overlaps | None = None
 
     def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
         """Of which rows (n, 2 or more) the balls around both shapes meet; others cannot overlap."""
@@ -135,26 +127,6 @@ class Overlaps:
         near, far = self._freed(i, j, T_i, T_j, resolution, beyond=beyond)
         return 0.0 if near < beyond else far
 
-    def depth_in_words(
-        self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0
-    ) -> float:
-        """`depth`; where a shape has a rough one, of that, and up to a quarter more. Whether it is
-        more than zero is told of the shapes.
-
-        Args:
-            beyond: metres; what is no deeper counts as zero, which is found sooner.
-        """
-        if beyond <= 0.0 and not self.meet(i, j, T_i, T_j):
-            return 0.0
-        if self._rough is None:
-            self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
-        rough = self._rough
-        share = 0.0 if all(rough.shapes[k] is self.shapes[k] for k in (i, j)) else ROUGH_SHARE
-        near, far = rough._freed(i, j, T_i, T_j, DEPTH_RESOLUTION_M, share, beyond)
-        if beyond > 0.0 and (near < beyond or not self.meet(i, j, T_i, T_j)):
-            return 0.0
-        return max(far, DEPTH_RESOLUTION_M)
-
     def _freed(
         self,
         i: int,
@@ -162,7 +134,6 @@ class Overlaps:
         T_i: pin.SE3,
         T_j: pin.SE3,
         resolution: float,
-        share: float = 0.0,
         beyond: float = 0.0,
     ) -> tuple[float, float]:
         """How far, metres, j can be moved and still meets i in whichever of the directions it goes;
@@ -173,8 +144,7 @@ class Overlaps:
         that they are barely apart.
 
         Args:
-            resolution, share: both are no further from each other than these metres, or than this
-                share of the first.
+            resolution: both are no further from each other than these metres.
             beyond: metres; of what is free by then nothing more is found out than that.
         """
         ways, bounds = self._ways_apart(i, j, T_i, T_j)
@@ -189,7 +159,7 @@ class Overlaps:
         if near == 0.0 and beyond > 0.0:
             return near, far
         far = max(min(far, float(bounds[0])), ROUNDING_M)
-        while far - near > max(resolution, share * near):
+        while far - near > resolution:
             middle = 0.5 * (near + far)
             near, far = (near, middle) if free(middle) else (middle, far)
         return near, far

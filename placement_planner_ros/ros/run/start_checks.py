@@ -19,9 +19,7 @@ from placement_planner_ros.core.errors import (
     PlacementPlannerError,
     listed,
 )
-from placement_planner_ros.core.grasp.object_size import size_doubt
 from placement_planner_ros.core.grasp.start_state_check import (
-    deep_fingers,
     faults_at_start,
     tilts_at_start,
 )
@@ -181,7 +179,6 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         settings.tilt,
         boxes_of(keep_out) if keep_out else None,
     )
-    doubt = size_doubt(robot, arms, q, body)
     of_arms = [
         note
         for arm in arms
@@ -196,7 +193,6 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     ]
     return [
         *body.warnings,
-        *([doubt] if doubt else deep_fingers(robot, arms, q, body)),
         *snapshot.notes,
         *robot.limit_violations(q),
         *of_arms,

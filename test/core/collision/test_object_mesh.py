@@ -9,7 +9,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.collision.object_solids import rounded_mesh
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -152,14 +151,3 @@ def test_points_in_its_hollow_are_not_in_the_way(yumi):
     assert hit((OUTER - 0.002, 0.0, 0.03)) == "the held object"
     assert hit((0.0, 0.0, WALL / 2)) == "the held object"
     assert hit((0.0, 0.0, WALL + 0.002)) == "the held object"
-
-
-def test_a_rounded_mesh_is_closed_has_fewer_triangles_and_is_nowhere_further_away_than_told():
-    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.02)
-    vertices, triangles = rounded_mesh(mesh.vertices, mesh.faces, 1e-3)
-    made = trimesh.Trimesh(vertices, triangles, process=False)
-    assert len(triangles) < 0.5 * len(mesh.faces)
-    assert made.is_watertight
-    far = np.linalg.norm(made.triangles_center, axis=1) - 0.02
-    assert np.abs(far).max() < 1e-3 + 1e-4  # and by how far the first is within its ball
-    assert 5e-4 < np.abs(np.linalg.norm(vertices, axis=1) - 0.02).max() <= 1e-3

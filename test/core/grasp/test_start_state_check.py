@@ -15,7 +15,7 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, StartError
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.start_state_check import deep_fingers, faults_at_start
+from placement_planner_ros.core.grasp.start_state_check import faults_at_start
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 SETTINGS = CollisionSettings()
@@ -152,15 +152,3 @@ def test_bad_grasps_are_told_beside_a_bad_start(problem):
     with pytest.raises(StartError, match="beyond the joint limits") as caught:
         faults(problem, in_palm, q=q)
     assert re.search(r"\S+ \(0\.\d+ m deep\)", str(caught.value))
-
-
-def test_fingers_deep_in_the_object_are_told_and_no_fault(problem):
-    closed = problem.robot.with_positions(problem.q_start, {"gripper_l_joint": 0.0})
-    left = (replace(problem.arms[0], grasps=problem.arms[0].grasps[:1]),)
-    assert deep_fingers(problem.robot, left, problem.q_start, problem.body) == ()
-    assert faults(problem, left, q=closed) == ()
-    (said,) = deep_fingers(problem.robot, left, closed, problem.body)
-    depths = dict(re.findall(r"(\S+) \((0\.\d+) m deep\)", said))
-    assert depths
-    assert set(depths) <= set(left[0].touch_links)
-    assert min(float(depth) for depth in depths.values()) > 0.006

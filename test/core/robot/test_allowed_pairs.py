@@ -10,7 +10,6 @@ import trimesh
 
 from placement_planner_ros.core.body.convex_cover import hull_cover
 from placement_planner_ros.core.robot.allowed_pairs import SAMPLES, srdf_line
-from placement_planner_ros.core.robot.geometry import triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, triangles_of, winding_number
 from placement_planner_ros.core.stopping import StoppedError, stoppable
@@ -198,48 +197,6 @@ def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
         assert again == pytest.approx(found, abs=6e-4 if found else 0.0)
     away = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.021]))
     assert overlaps.depth(0, 1, pin.SE3.Identity(), away) == 0.0
-
-
-def test_depth_in_words_is_of_rough_shapes_and_whether_there_is_any_of_the_shapes():
-    def depth(height, rough_height, up, beyond=0.0):
-        shapes, rough = ([coal.Box(0.1, 0.1, h)] * 2 for h in (height, rough_height))
-        overlaps = Overlaps(shapes, rough=lambda: rough)
-        shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, up]))
-        return overlaps.depth_in_words(0, 1, pin.SE3.Identity(), shift, beyond)
-
-    assert 0.011 - 1e-6 <= depth(0.02, 0.021, 0.01) <= 1.25 * 0.011
-    assert depth(0.02, 0.019, 0.0195) > 0.0
-    assert depth(0.02, 0.021, 0.0205) == 0.0
-    assert depth(0.02, 0.021, 0.01, beyond=0.0108) == pytest.approx(0.011, abs=1e-6)
-    assert depth(0.02, 0.021, 0.01, beyond=0.0112) == 0.0
-    assert depth(0.019, 0.021, 0.0195, beyond=0.001) == 0.0
-
-
-@pytest.mark.parametrize("deep", [0.004, 0.011, 0.018])
-def test_depth_in_words_is_up_to_a_quarter_more_and_seldom_asks_what_is_barely_apart(deep):
-    """A stick through a ring and in its wall: their hulls are further in each other than they, and
-    along the same way it meets the wall's other side."""
-    ring = trimesh.creation.annulus(0.03, 0.08, 0.03, sections=48)
-    mesh = triangle_geometry(ring.vertices, ring.faces)
-    stick = coal.Box(0.004, 0.014, 0.2)
-    at = pin.SE3(np.eye(3), np.array([0.0, 0.03 - 0.007 + deep, 0.0]))
-    asked = []
-
-    class Counted(Overlaps):
-        def meet(self, *args, **kwargs):
-            asked.append(super().meet(*args, **kwargs))
-            return asked[-1]
-
-    here = pin.SE3.Identity()
-    exactly = Overlaps([mesh, stick]).depth(0, 1, here, at)
-    assert exactly == pytest.approx(deep, abs=6e-4)
-    overlaps = Overlaps([mesh, stick], rough=lambda: [mesh, coal.Box(0.004, 0.014, 0.2)])
-    overlaps._rough = Counted(overlaps._make_rough())
-    for beyond in (0.0, 0.5 * deep):
-        told = overlaps.depth_in_words(0, 1, here, at, beyond)
-        assert exactly - 5e-4 <= told <= 1.25 * exactly
-    assert asked.count(False) <= 4
-    assert overlaps.depth_in_words(0, 1, here, at, 1.1 * deep) == 0.0
 
 
 def test_winding_numbers_tell_inside_from_outside_and_sheets_from_solids():
