@@ -26,6 +26,7 @@ from placement_planner_ros.core.body.polytope import (
     hull_around,
     simpler_hull,
 )
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array, frozen_array
 
 MAX_PARTS = 32
@@ -261,10 +262,6 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
     points, cells = _sample_points(piece), met[:: 1 + 3 * len(met) // SAMPLE_POINTS]
     along, cells_along = points @ _DIRECTIONS.T, cells @ _DIRECTIONS.T
 
-    def held(side: Mask) -> float:
-        low, high = along[side].min(axis=0), along[side].max(axis=0)
-        return float(((cells_along >= low) & (cells_along <= high)).all(axis=1).mean())
-
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     normals = np.concatenate([np.eye(3), axes])
     longest = float(np.ptp(points @ normals.T, axis=0).max())
@@ -277,11 +274,38 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
             below = at <= offset
             if width < 2.0 * half or below.all():
                 continue
-            cost = held(below) + held(~below)
+            cost = _held_share(along, cells_along, below) + _held_share(along, cells_along, ~below)
             cost += 0.2 * abs(share - 0.5) + 0.1 * (1.0 - width / longest)
             if cost < best:
                 best, found = cost, np.array([*normal, -offset])
     return found
+
+
+@kernel(nogil=True)
+def _held_share(along: Array, cells_along: Array, chosen: Mask) -> float:
+    """Share of cells that are between the ends of the chosen points in every direction.
+
+    Args:
+        along, cells_along: (n, d), (m, d) places of points and of cells in d directions.
+        chosen: (n,).
+    """
+    directions = along.shape[1]
+    low, high = np.full(directions, np.inf), np.full(directions, -np.inf)
+    # The ends of the slab in each direction.
+    for i in range(len(along)):
+        if chosen[i]:
+            for d in range(directions):
+                low[d], high[d] = min(low[d], along[i, d]), max(high[d], along[i, d])
+    # The cells that are in all slabs.
+    held = 0
+    for i in range(len(cells_along)):
+        inside = True
+        for d in range(directions):
+            if not low[d] <= cells_along[i, d] <= high[d]:
+                inside = False
+                break
+        held += inside
+    return held / len(cells_along)
 
 
 def _sample_points(piece: CutPiece) -> Array:

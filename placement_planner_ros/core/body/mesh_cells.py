@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from placement_planner_ros.core.body.polytope import Polytope
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
@@ -60,20 +61,42 @@ class FarCells:
     def met_by(self, hull: Polytope, among: Array | None = None) -> Array:
         """Middles (k, 3) of those cells of the border, or among some of them, that a hull meets."""
         middles = self.middles if among is None else among
-        ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
-        first, last = np.searchsorted(middles[:, 0], ends)
-        rows = np.arange(first, last)
-        # Most cells are outside of one of the first planes, if these face all ways.
-        planes = np.random.default_rng(0).permutation(hull.planes)
-        for few in np.array_split(planes, range(8, min(len(planes), 64), 8)):
-            outside = self.half * np.abs(few[:, :3]).sum(axis=1) - few[:, 3]
-            rows = rows[(middles[rows] @ few[:, :3].T <= outside).all(axis=1)]
-        return np.asarray(middles[rows])
+        return np.asarray(middles[self._rows_met(hull, middles, len(middles))])
 
     def is_met_by(self, hull: Polytope) -> bool:
         """Whether a hull may hold a far point."""
         beyond = (hull.vertices < self.low).any() or (hull.vertices > self.high).any()
-        return bool(beyond) or len(self.met_by(hull)) > 0
+        return bool(beyond) or len(self._rows_met(hull, self.middles, 1)) > 0
+
+    def _rows_met(self, hull: Polytope, middles: Array, most: int) -> npt.NDArray[np.int64]:
+        ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
+        first, last = np.searchsorted(middles[:, 0], ends)
+        return np.asarray(first + _cells_met(middles[first:last], hull.planes, self.half, most))
+
+
+@kernel(nogil=True)
+def _cells_met(middles: Array, planes: Array, half: float, most: int) -> npt.NDArray[np.int64]:
+    """Rows of cells, by their middles (n, 3) and half sides, that none of some planes (p, 4) has
+    all of on its outer side; no more than `most` of them."""
+    rows = np.empty(len(middles), np.int64)
+    count = last = 0
+    for i in range(len(middles)):
+        x, y, z = middles[i]
+        met = True
+        # The plane that the cell before is outside of comes first, as it mostly is of this one too.
+        for k in range(len(planes)):
+            p = (last + k) % len(planes)
+            n, m, o = planes[p, 0], planes[p, 1], planes[p, 2]
+            beyond = n * x + m * y + o * z + planes[p, 3]
+            if beyond > half * (abs(n) + abs(m) + abs(o)):
+                met, last = False, p
+                break
+        if met:
+            rows[count] = i
+            count += 1
+            if count == most:
+                break
+    return rows[:count]
 
 
 class MeshCells:
