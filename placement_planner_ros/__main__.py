@@ -99,7 +99,7 @@ def _asks_for_help() -> bool:
 
 placement_demo = partial(_start, "placement_demo", "demo.command", ROS_REMEDY)
 placement_check_robot = partial(
-    _start, "placement_check_robot", "ros.tools.robot_check.command", ROS_REMEDY
+    _start, "placement_check_robot", "ros.tools.robot_check", ROS_REMEDY
 )
 
 if __name__ == "__main__":

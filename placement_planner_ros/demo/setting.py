@@ -16,10 +16,9 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.things_publisher import ThingsPublisher
-from placement_planner_ros.ros.tools.robot_check.findings import Findings
-from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
-from placement_planner_ros.ros.tools.robot_check.grasps import with_closed_hands
-from placement_planner_ros.ros.tools.robot_check.subject import read_subject
+from placement_planner_ros.ros.tools.findings import Findings
+from placement_planner_ros.ros.tools.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check import read_snapshot
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name
@@ -122,11 +121,11 @@ def of_file(file: Path, scene_name: str) -> Setting:
         parameters = {name: told[name] for name in told if name not in given.names}
         given = read_given(file, parameters, findings)
         start = {**START_CONFIGURATION, **(start or {})}
-    subject = None if findings.faults else read_subject(given, None, findings, start)
-    if findings.faults or subject is None or subject.body is None:
-        faults = "; ".join(findings.faults) or "it names no object"
+    subject = None if findings.faults else read_snapshot(given, None, findings, start)
+    if subject is None:
+        faults = "; ".join(findings.faults)
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
-    body, subject = subject.body, with_closed_hands(subject, findings)
+    body = subject.body
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
     arms = {arm.name: arm for arm in subject.arms}
@@ -136,7 +135,7 @@ def of_file(file: Path, scene_name: str) -> Setting:
         shown,
         lambda: ThingsPublisher(shown, subject),
         subject.robot,
-        subject.q,
+        subject.q_start,
         arms.__getitem__,
         np.asarray(hull.vertices),
         np.asarray(hull.faces, dtype=np.int64),

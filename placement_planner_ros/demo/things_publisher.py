@@ -7,8 +7,8 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.timers import every
-from placement_planner_ros.ros.tools.robot_check.subject import Subject
 from placement_planner_ros.ros.tools.scene_publisher import (
     JOINT_STATE_RATE,
     RELIABLE,
@@ -21,12 +21,12 @@ from placement_planner_ros.scenes.scenes import Scene
 class ThingsPublisher(Node):
     """The whole surface on `points`, in the planning frame, and the start as joint states."""
 
-    def __init__(self, scene: Scene, subject: Subject) -> None:
+    def __init__(self, scene: Scene, subject: Snapshot) -> None:
         super().__init__("placement_scene")
         robot = subject.robot
         self._positions = {
             name: float(value)
-            for name, value in zip(robot.joint_names, subject.q, strict=True)
+            for name, value in zip(robot.joint_names, subject.q_start, strict=True)
             if name not in robot.mimics
         }
         self._clouds = self.create_publisher(PointCloud2, "points", RELIABLE)

@@ -91,7 +91,6 @@ class Commands:
             parameters = self._parameters.with_changes(changes)
         except PlacementPlannerError:
             return refusal(self._parameters.faults(changes))
-        self._inputs.robot.look_up()
         snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
         if isinstance(snapshot, list):
             return refusal(snapshot)

@@ -177,7 +177,7 @@ class PlacementPlannerNode(ParameterNode):
     def _warm_up(self) -> None:
         self._compile()
         self._inputs.robot.wait()
-        robot = self._inputs.robot.unplaced
+        robot = self._inputs.robot.robot
         q = pin.neutral(robot.model)
         load_input_kernels()
         parameters = self._settings.current

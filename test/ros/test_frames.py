@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, TransformStamped
-from helpers.fakes import TABLE, placement
 from rclpy.duration import Duration
 
 from placement_planner_ros.ros.inputs.transforms import SET_BACK, Transforms
@@ -62,108 +61,6 @@ def tf2(monkeypatch):
 
 def turned(angle, x):
     return pin.SE3(pin.utils.rotate("z", angle), np.array([x, 0.5, 0.0]))
-
-
-def test_the_planning_frame_is_looked_up_at_each_start(tf2, bench):
-    b = bench(planning_frame="map", **{"target_volume": [0.0, 0.0, -0.1, 3.0, 1.0, 0.2]})
-    buffer = Buffer.made
-    b.wait(lambda: b.status()["robot"] == "bad")
-
-    def feed(frame, stamp=None):
-        updates = b.node._inputs.clouds.updates
-
-        def publish():
-            b.cloud(TABLE, frame=frame, stamp=stamp)
-            b.joint_state()
-
-        b.wait(lambda: b.node._inputs.clouds.updates > updates, again=publish)
-
-    def start():
-        b.joint_state()
-        return b.call("start")
-
-    def snapshot():
-        b.wait(lambda: start().success)
-        b.wait(lambda: b.call("stop").code == "NOT_RUNNING")
-        return b.snapshots[-1]
-
-    b.cloud(TABLE, frame=ROOT)
-    b.wait(lambda: b.node._inputs._waiting)
-    b.joint_state()
-    b.wait(lambda: b.node._inputs.joints.positions())
-    answer = b.call("start")
-    assert "planning_frame" in answer.text
-    assert "tf2 does not know" in answer.text
-    # Now it is known, also for the cloud that has waited.
-    robots = []
-    for T in (turned(0.3, 1.0), turned(0.3, 1.0), turned(-0.7, 2.0)):
-        buffer.known["map", ROOT] = T
-        seen = snapshot()
-        robots.append(seen.robot)
-        assert seen.frame == "map"
-        pose = seen.robot.link_pose(seen.q_start, ROOT)
-        np.testing.assert_allclose(pose.homogeneous, T.homogeneous, atol=1e-9)
-        if len(robots) == 1:
-            expected = np.array([T.act(p) for p in TABLE])
-            np.testing.assert_allclose(np.vstack(seen.clouds), expected, atol=1e-6)
-    # What was remembered of the robot stays good where it has not moved.
-    assert robots[0] is robots[1]
-    assert b.status()["robot"] == "ready"
-    # A cloud of a link is where the robot was when it was taken, not where it was at start.
-    buffer.known["map", ROOT] = moved = turned(0.1, 0.7)
-    feed(ROOT, Time(sec=50))
-    assert ("map", ROOT, 50 * 10**9) in [asked[:3] for asked in buffer.asked]
-    expected = np.array([moved.act(p) for p in TABLE])
-    np.testing.assert_allclose(b.node._inputs.clouds.latest()["points"].points, expected, atol=1e-6)
-    buffer.known.clear()
-    b.joint_state()
-    assert "BAD_ROBOT" in b.call("start").text
-    b.wait(lambda: b.status()["robot"] == "bad")
-
-
-def test_a_base_that_moves_ends_the_run_and_its_placement_holds_no_more(tf2, bench):
-    volume = [0.0, 0.0, -0.1, 3.0, 1.0, 0.2]
-    b = bench(planning_frame="map", time_limit=0.0, target_volume=volume)
-    buffer = Buffer.made
-    at = pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.0]))
-    buffer.known["map", ROOT] = at
-
-    def told(state, valid, words=""):
-        b.wait(
-            lambda: (
-                b.status()["state"] == state
-                and b.status()["best_valid"] == valid
-                and words in b.status()["best_invalid_reason"]
-            ),
-            again=b.joint_state,
-        )
-
-    b.cloud(TABLE, frame="map")
-
-    def begun():
-        b.cloud(TABLE, frame="map")
-        b.joint_state()
-        return b.call("start").success
-
-    b.wait(begun)
-    b.wait(lambda: b.planners and b.planners[-1].searching.is_set())
-    b.planners[-1].offers.append(placement(0.1))
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    # By less than start_tolerance, in either way, and a look at a start that is refused.
-    buffer.known["map", ROOT] = at * pin.SE3(pin.utils.rotate("z", 0.01), np.array([0.01, 0, 0]))
-    assert b.call("start").code == "ALREADY_RUNNING"
-    b.node._inputs.robot.look_up()
-    told("searching", "true")
-    for way in (
-        pin.SE3(np.eye(3), np.array([0.0, 0.03, 0.0])),
-        pin.SE3(pin.utils.rotate("z", 0.03), np.zeros(3)),
-    ):
-        buffer.known["map", ROOT] = at * way
-        told("robot_moved", "false", "the robot's base has moved in 'map'")
-        buffer.known["map", ROOT] = at
-        told("robot_moved", "true")
-    del buffer.known["map", ROOT]
-    told("robot_moved", "false", "tf2 does not know any more where 'yumi_body' is in 'map'")
 
 
 def transforms(buffer_of=Buffer):

@@ -378,6 +378,11 @@ class Robot:
         Raises:
             RobotError: no such link, or a joint moves it.
         """
+        if not self.has_link(frame):
+            words = (
+                "is no link of the robot; name one, or add it by a fixed joint, or leave it empty"
+            )
+            raise RobotError("planning_frame", frame, words)
         link = self.model.frames[self.frame_id(frame)]
         if link.parentJoint != 0:
             raise RobotError(

@@ -40,24 +40,22 @@ def cloud_pose(
     robot: Robot,
     joints: JointValues,
     transform: Callable[[str], pin.SE3 | None],
-    moved: Callable[[], pin.SE3] = pin.SE3.Identity,
 ) -> pin.SE3:
     """T_planning_cloud: by parameter, as the planning frame, by forward kinematics, by tf2.
 
     Args:
         joints: values when the cloud was taken.
         transform: T_planning_frame by tf2, None where it is not known there.
-        moved: by what the robot was elsewhere when the cloud was taken.
 
     Raises:
-        CloudFrameError: the frame is empty, unknown, too far away, or on a link whose joints or
-            whose robot's place are unknown.
+        CloudFrameError: the frame is empty, unknown, too far away, or on a link whose joints are
+            unknown.
     """
     found = parameters.sensor_pose(frame)
     if found is None and frame == robot.root_link:
         found = pin.SE3.Identity()
     elif found is None and robot.has_link(frame):
-        found = _link_pose(frame, robot, joints, moved)
+        found = _link_pose(frame, robot, joints)
     elif found is None and frame:
         found = transform(frame)
     if found is None:
@@ -102,14 +100,12 @@ def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
     )
 
 
-def _link_pose(
-    link: str, robot: Robot, joints: JointValues, moved: Callable[[], pin.SE3]
-) -> pin.SE3:
+def _link_pose(link: str, robot: Robot, joints: JointValues) -> pin.SE3:
     try:
         values = joints(robot.joints_to(link))
         q = robot.with_positions(np.zeros(len(robot.joint_names)), values)
         robot.require_plausible(q, values)
-        return moved() * robot.link_pose(q, link)
+        return robot.link_pose(q, link)
     except CloudFrameError:
         raise
     except PlacementPlannerError as error:

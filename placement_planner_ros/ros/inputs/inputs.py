@@ -58,6 +58,7 @@ class Inputs:
 
     Args:
         topics: cloud topics; of each a cloud is needed.
+        transforms: tf2, where there is one.
         clock: the node's, to judge how old a stamp is.
         log: hears of what is read.
 
@@ -69,12 +70,12 @@ class Inputs:
         self,
         parameters: ParameterSet,
         topics: Iterable[str],
-        transforms: Transforms,
-        clock: Clock,
+        transforms: Transforms | None = None,
+        clock: Clock | None = None,
         log: Log | None = None,
     ) -> None:
         files = Files.below(parameters["package_paths"], parameters["file_roots"])
-        self.robot = RobotInput(parameters, transforms.pose, files, log)
+        self.robot = RobotInput(parameters, files, log)
         self.joints = JointStates()
         self.object = ObjectInput(parameters, files, log)
         self.clouds = CloudStore(tuple(topics))
@@ -235,7 +236,7 @@ class Inputs:
 
     def _now(self) -> float:
         """Seconds of the clock by which stamps are; it may be set back or stand still."""
-        return self._clock.now().nanoseconds * 1e-9
+        return (self._clock or Clock()).now().nanoseconds * 1e-9
 
     def _store(
         self, topic: str, received: _Received, parameters: ParameterSet, *, wait: bool = False
@@ -291,14 +292,11 @@ class Inputs:
             now, assumed = time.monotonic(), parameters.assumed_joints
             return self.joints.at(names, seconds, now, timeout, rest_speed, assumed)
 
-        return cloud_pose(
-            frame,
-            parameters,
-            robot,
-            joints,
-            lambda name: self._transforms.pose(robot.root_link, name, stamp, wait=wait),
-            lambda: self.robot.moved(stamp),
-        )
+        def transform(name: str) -> pin.SE3 | None:
+            tf = self._transforms
+            return None if tf is None else tf.pose(robot.root_link, name, stamp, wait=wait)
+
+        return cloud_pose(frame, parameters, robot, joints, transform)
 
 
 def _seconds(stamp: Time) -> float | None:

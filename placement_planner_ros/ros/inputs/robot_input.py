@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-import pinocchio as pin
-from builtin_interfaces.msg import Time
 
 from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import (
     ParameterError,
-    PlacementPlannerError,
     RobotError,
     listed,
 )
@@ -29,21 +23,12 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.joint_limits_file import given_joint_limits
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in, read_kept
-from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
+from placement_planner_ros.ros.inputs.reading import Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.share import share_path
-
-
-class FramePose(Protocol):
-    """T_target_source of two frames outside the URDF (tf2), or None where nobody knows."""
-
-    def __call__(self, target: str, source: str, stamp: Time | None = None) -> pin.SE3 | None:
-        """At a stamp; without one, the newest that is known."""
-        ...
-
 
 STILL_JOINT = 1e-3
 """rad or m by which a joint may have moved, for meshes to be where they were."""
@@ -55,42 +40,14 @@ class DescriptionError(RobotError):
     code = "BAD_ROBOT"
 
 
-class UnplacedError(DescriptionError):
-    """Nobody knows where the robot stands in the planning frame."""
-
-
-@dataclass(slots=True, eq=False)
-class _Described:
-    """A robot as its description has it, and what is known of where it stands.
-
-    Attributes:
-        robot: its root link being the planning frame, with what was learned where it stood.
-        base: what tf2 is asked for, the robot then being carried there; '' where the description
-            tells where it is.
-        T_planning_base: where that was at the last look.
-        placed: the robot there; None before the first look.
-        stood: (nq,) where its joints were when something was last learned from that.
-    """
-
-    robot: Robot
-    base: str = ""
-    T_planning_base: pin.SE3 | None = None
-    placed: Robot | None = None
-    stood: Array | None = None
-
-
 class RobotInput:
     """Reads robot descriptions, in the background. Safe to use from several threads.
 
     Until a description comes by topic the bundled YuMi stands in for it. From then on only the
     newest counts: while it is read there is no robot, and none where it cannot be.
 
-    Where planning_frame is no link of the robot, tf2 is asked where it stands in there: at each
-    start, by `look_up`.
-
     Args:
         parameters: as at start-up.
-        frame_pose: asked where planning_frame is no link of the robot.
         files: finds the meshes that descriptions name.
         log: hears of what is read.
 
@@ -103,18 +60,12 @@ class RobotInput:
         RobotError: a description named by a parameter is not there.
     """
 
-    def __init__(
-        self,
-        parameters: ParameterSet,
-        frame_pose: FramePose,
-        files: Files,
-        log: Log | None = None,
-    ) -> None:
+    def __init__(self, parameters: ParameterSet, files: Files, log: Log | None = None) -> None:
         self._lock = threading.Lock()
         self._frame = str(parameters["planning_frame"])
-        self._frame_pose = frame_pose
         self._files = files
-        self.reading: Reading[_Described] = Reading("robot", DescriptionError, _read_words, log)
+        self._stood: tuple[Robot, Robot, Array] | None = None  # as read, as learned there, where
+        self.reading: Reading[Robot] = Reading("robot", DescriptionError, _read_words, log)
         self.joint_names: frozenset[str] = frozenset()
         self.continuous_joints: frozenset[str] = frozenset()
         given = parameters["robot_description"]
@@ -157,22 +108,14 @@ class RobotInput:
 
     @property
     def robot(self) -> Robot:
-        """The robot, its root frame being the planning frame, where it stood at the last look.
+        """The robot, its root frame being the planning frame, with what was learned of it.
 
         Raises:
             NotReadyError: the newest description is being read.
             PlacementPlannerError: it is unusable.
-            UnplacedError: nobody knows where it stands.
         """
-        described = self.reading.get(self._key)
-        if not described.base:
-            return described.robot
-        return described.placed or self._place(described)
-
-    @property
-    def unplaced(self) -> Robot:
-        """The same, wherever it stands."""
-        return self.reading.get(self._key).robot
+        read, stood = self.reading.get(self._key), self._stood
+        return stood[1] if stood is not None and stood[0] is read else read
 
     def standing_at(self, robot: Robot, q: Array) -> Robot:
         """The robot, which stands at q (nq,): see `Robot.standing_at`.
@@ -185,89 +128,16 @@ class RobotInput:
         with self._lock:
             if self.robot is not robot:
                 return robot.standing_at(q)
-            described = self.reading.get(self._key)
-            stood = described.stood
-            if stood is None or np.abs(stood - q).max(initial=0.0) > STILL_JOINT:
-                described.stood = q
-                learned = described.robot.standing_at(q)
-                if learned is not described.robot:
-                    described.robot, described.placed = learned, None
+            read, stood = self.reading.get(self._key), self._stood
+            known = stood is not None and stood[0] is read
+            if stood is None or not known or np.abs(stood[2] - q).max(initial=0.0) > STILL_JOINT:
+                self._stood = read, robot.standing_at(q), q
             return self.robot
-
-    def look_up(self) -> None:
-        """Look where the robot stands now; where nobody knows any more, `robot` says so."""
-        with contextlib.suppress(PlacementPlannerError):
-            described = self.reading.get(self._key)
-            if described.base:
-                self._place(described)
-
-    def moved(self, stamp: Time) -> pin.SE3:
-        """What the base had yet to move at a stamp to where `robot` has it: T_planning_planning.
-
-        Raises:
-            PlacementPlannerError: as `robot`; or nobody knows where it stood then.
-        """
-        described = self.reading.get(self._key)
-        if not described.base or described.T_planning_base is None:
-            return pin.SE3.Identity()
-        T_planning_base = self._frame_pose(self._frame, described.base, stamp)
-        if T_planning_base is None:
-            raise self._unplaced(described, "at the cloud's stamp")
-        return T_planning_base * described.T_planning_base.inverse()
-
-    def strayed(self, robot: Robot, key: Hashable, tolerance: float) -> str:
-        """Why its base is no more where a robot has it; '' where it is.
-
-        Args:
-            key: as it was when that robot was taken; of another description nothing is known.
-            tolerance: m and rad by which it may have moved.
-        """
-        try:
-            base = self.reading.get(key).base
-        except PlacementPlannerError:
-            return ""
-        T_planning_base = self._frame_pose(self._frame, base) if base else None
-        if T_planning_base is None:
-            where = f"{base!r} is in {self._frame!r}"
-            return f"tf2 does not know any more where {where}" if base else ""
-        # Nothing but fixed joints leads there.
-        then = robot.link_pose(pin.neutral(robot.model), base)
-        way = pin.log6(then.actInv(T_planning_base))
-        if max(np.linalg.norm(way.linear), np.linalg.norm(way.angular)) > tolerance:
-            return f"the robot's base has moved in {self._frame!r}"
-        return ""
-
-    def _place(self, described: _Described) -> Robot:
-        T, before = self._frame_pose(self._frame, described.base), described.T_planning_base
-        if T is None:
-            described.placed = None
-            raise self._unplaced(described, "now")
-        moved = before is None or not before.isApprox(T, 1e-5)
-        if described.placed is None or moved:
-            described.T_planning_base = T
-            described.placed = described.robot.carried(T, self._frame)
-        return described.placed
-
-    def _unplaced(self, described: _Described, when: str) -> UnplacedError:
-        words = (
-            f"is no link of robot {described.robot.name!r}, and tf2 does not know where "
-            f"{described.base!r} is in it {when}; publish that transform, or leave planning_frame "
-            "empty"
-        )
-        return UnplacedError("planning_frame", self._frame, words)
 
     @property
     def state(self) -> State:
         """Whether there is a robot, as `~/status` says it."""
-        state = self.reading.state(self._key)
-        if state == "ready":
-            try:
-                _ = self.robot
-            except UnplacedError:
-                return "bad"
-            except NotReadyError:
-                return "reading"
-        return state
+        return self.reading.state(self._key)
 
     @property
     def key(self) -> Hashable:
@@ -297,28 +167,25 @@ class RobotInput:
         urdf, srdf, beside = self._urdf, self._srdf, self._beside
         trusted = not self._arrived
 
-        def read(should_stop: ShouldStop) -> _Described:
+        def read(should_stop: ShouldStop) -> Robot:
             with MeshProcess(should_stop) as process:
                 tell = self.reading.tell
                 made = self._read(
                     urdf, srdf, _MeshCovers(self._files, process, trusted, beside, tell)
                 )
-            self.continuous_joints = made.robot.continuous
-            self.joint_names = frozenset(made.robot.joint_names)
+            self.continuous_joints = made.continuous
+            self.joint_names = frozenset(made.joint_names)
             return made
 
         key = object()  # the same text is read anew where it could not be before
         self.reading.want(key, read, lasting=True)
         return key
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _MeshCovers) -> _Described:
+    def _read(self, urdf: str, srdf: str | None, meshes: _MeshCovers) -> Robot:
         try:
             robot = Robot.from_urdf(urdf, meshes, srdf, self._limits, meshes.covers)
-            if not self._frame or self._frame == robot.root_link:
-                return _Described(robot)
-            if robot.has_link(self._frame):
-                return _Described(robot.seen_from(self._frame))
-            return _Described(robot.carried(pin.SE3.Identity(), self._frame), base=robot.root_link)
+            frame = self._frame
+            return robot if not frame or frame == robot.root_link else robot.seen_from(frame)
         except RobotError as error:
             raise DescriptionError(error.field, error.value, error.remedy) from error
 
@@ -368,9 +235,9 @@ class _MeshCovers:
         return made
 
 
-def _read_words(described: _Described) -> str:
-    words = f"robot {described.robot.name!r} read, planning frame {described.robot.root_link!r}"
-    return listed([words, *described.robot.warnings], "; ")
+def _read_words(robot: Robot) -> str:
+    words = f"robot {robot.name!r} read, planning frame {robot.root_link!r}"
+    return listed([words, *robot.warnings], "; ")
 
 
 def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:

@@ -23,7 +23,6 @@ from placement_planner_ros.ros.parameters.table import (
     arm_specs,
     arms_spec,
     fixed_specs,
-    joint_limit_spec,
     sensor_pose_spec,
 )
 from placement_planner_ros.ros.parameters.values import MOST_HINTS, ParameterSet
@@ -46,27 +45,24 @@ Take = Callable[[Spec], Any]
 """Takes a parameter in, and gives its value."""
 
 
-def all_specs(given: Sequence[str], take: Take) -> dict[str, Spec]:
+def all_specs(take: Take) -> dict[str, Spec]:
     """Every parameter by name; which there are depends on the values of some.
 
     Args:
-        given: names that were given at start-up.
         take: called once for each.
     """
     specs: dict[str, Spec] = {}
     values: dict[str, Any] = {}
 
-    def declare(new: Sequence[Spec | None]) -> None:
+    def declare(new: Sequence[Spec]) -> None:
         for spec in new:
-            if spec is not None:
-                specs[spec.name] = spec
-                values[spec.name] = take(spec)
+            specs[spec.name] = spec
+            values[spec.name] = take(spec)
 
     declare([*fixed_specs(), arms_spec(list(TIP_FRAMES))])
     for arm in values["arms"]:
         declare(arm_specs(arm, yumi=not values["robot_description"]))
     declare([sensor_pose_spec(frame) for frame in values["sensor_frames"]])
-    declare([joint_limit_spec(name) for name in given])
     return specs
 
 
@@ -82,10 +78,10 @@ class ParameterNode(Node):
     """A node that knows what it was given at start-up.
 
     Attributes:
-        given: names of all parameters given at start-up, whether the node has them or not.
+        given: all parameters given at start-up by name, whether the node has them or not.
     """
 
-    given: tuple[str, ...]
+    given: dict[str, Any]
 
     def __init__(self, name: str, overrides: Sequence[Parameter] = ()) -> None:
         super().__init__(
@@ -102,7 +98,7 @@ class ParameterNode(Node):
         rclpy would declare it by the type that it happens to have, and an empty list has none.
         """
         if not hasattr(self, "given"):
-            self.given = tuple(each[0] for each in parameters)
+            self.given = {each[0]: each[1] for each in parameters}
             return []
         declared: list[Parameter] = super().declare_parameters(
             namespace, parameters, ignore_override
@@ -124,7 +120,7 @@ class ParameterServer:
         self._node = node
         self._on_change: OnChange | None = None
         self._check: OnChange | None = None
-        self._given: tuple[str, ...] = getattr(node, "given", ())
+        self._given: dict[str, Any] = getattr(node, "given", {})
         values: dict[str, Any] = {}
 
         def declare(spec: Spec) -> Any:
@@ -133,7 +129,7 @@ class ParameterServer:
             node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], values[spec.name])])
             return values[spec.name]
 
-        self.current = ParameterSet(all_specs(self._given, declare), values)
+        self.current = ParameterSet(all_specs(declare), values, self._given)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._store)

@@ -14,16 +14,19 @@ from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import named_numbers, poses_from_list
 from placement_planner_ros.ros.parameters.spec import Spec
-from placement_planner_ros.ros.parameters.table import JOINT_LIMITS, SETTINGS
+from placement_planner_ros.ros.parameters.table import SETTINGS
 
 CLOCK = "use_sim_time"
 """The parameter that every node has."""
+_JOINT_LIMITS = f"{FIELD}.joint_limits."
+"""How the names of limits begin that MoveIt's launch files give one by one."""
 NO_SUCH = "there is no such parameter"
 MOST_HINTS = 20
 """Unknown names for which the nearest known one is looked up in one go, as that takes time."""
@@ -35,8 +38,10 @@ class ParameterSet:
     Args:
         specs: every parameter.
         values: by name; defaults where one is missing.
+        given: all that was given at start-up, MoveIt's limits among it.
 
     Attributes:
+        joint_limits: MoveIt's limits that were given one by one, by `<joint>.<what>`.
         planner_settings: settings of the planner.
         grid_settings: settings of the obstacle set.
         region_settings: what counts as a placement region.
@@ -52,9 +57,17 @@ class ParameterSet:
     body_settings: BodySettings
 
     def __init__(
-        self, specs: Mapping[str, Spec], values: Mapping[str, object] | None = None
+        self,
+        specs: Mapping[str, Spec],
+        values: Mapping[str, object] | None = None,
+        given: Mapping[str, Any] | None = None,
     ) -> None:
         self.specs = specs
+        self.joint_limits: dict[str, Any] = {
+            name.removeprefix(_JOINT_LIMITS): value
+            for name, value in (given or {}).items()
+            if name.startswith(_JOINT_LIMITS)
+        }
         self._values = {name: spec.default for name, spec in specs.items()}
         self._take({name: specs[name].convert(value) for name, value in (values or {}).items()})
 
@@ -135,15 +148,6 @@ class ParameterSet:
     def volume(self) -> TargetVolume:
         """V."""
         return TargetVolume.of_numbers(self["target_volume"])
-
-    @property
-    def joint_limits(self) -> dict[str, float | bool]:
-        """MoveIt's limits that were given one by one, by `<joint>.<what>`."""
-        return {
-            name.removeprefix(JOINT_LIMITS): self[name]
-            for name in self.specs
-            if name.startswith(JOINT_LIMITS)
-        }
 
     @property
     def assumed_joints(self) -> dict[str, float]:

@@ -171,4 +171,4 @@ def moved_from_start(snapshot: Snapshot, inputs: Inputs) -> str:
             # The first of them and no distance: words that change as it moves would be told anew.
             joint = robot.joint_names[int(np.argmax(left))]
             return f"the robot has left q_0: {joint} by more than start_tolerance = {tolerance:g}"
-    return inputs.robot.strayed(robot, snapshot.robot_key, tolerance)
+    return ""

@@ -10,7 +10,6 @@ from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.upright_motion import upright_motion
 from placement_planner_ros.core.robot.model import Robot
 
 HELD = [
@@ -128,21 +127,3 @@ def test_a_place_is_followed_with_the_turn_that_comes(hand):
     assert np.abs(q_next - q).max() <= 0.2
     far = moved_pose(x, np.array([3.0, 0.0, 0.0]))
     assert hand.any_turn.follow(far, hand.face.T_face_object, q) is None
-
-
-def test_arms_that_cannot_stand_the_object_up_are_told():
-    hand = Hand("four", few_joints.FROM_ASIDE)
-    T_tip_face = (hand.grasp * hand.face.T_face_object.inverse()).homogeneous
-    assert upright_motion(hand.chain, T_tip_face).hindrance(1e-4) == ""
-    leaning = hand.grasp * pin.SE3(pin.utils.rotate("x", 0.02), np.zeros(3))
-    found = upright_motion(hand.chain, (leaning * hand.face.T_face_object.inverse()).homogeneous)
-    assert found.tilt == pytest.approx(0.02, abs=1e-5)
-    assert "lean by 1.1 degrees" in found.hindrance(1e-4)
-    text = few_joints.urdf_of("four").replace(
-        'name="pitch_3" type="revolute"', 'name="pitch_3" type="fixed"'
-    )
-    three = Hand("four", few_joints.FROM_ASIDE, text)
-    found = upright_motion(three.chain, T_tip_face)
-    assert found.tilt < 1e-6
-    assert found.directions == 2
-    assert "in 2 directions of three" in found.hindrance(1e-4)

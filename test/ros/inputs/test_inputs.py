@@ -84,7 +84,7 @@ class World:
 
 @pytest.fixture(scope="module")
 def robot():
-    made = RobotInput(parameter_set(), lambda *_: None, FILES)
+    made = RobotInput(parameter_set(), FILES)
     made.wait()
     yield made
     made.reading.close()

@@ -7,10 +7,10 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.robot.allowed_pairs import read_srdf
-from placement_planner_ros.ros.tools.robot_check import reach
-from placement_planner_ros.ros.tools.robot_check.command import main
-from placement_planner_ros.ros.tools.robot_check.findings import Findings
-from placement_planner_ros.ros.tools.robot_check.given import read_given
+from placement_planner_ros.ros.tools import robot_check
+from placement_planner_ros.ros.tools.findings import Findings
+from placement_planner_ros.ros.tools.given import read_given
+from placement_planner_ros.ros.tools.robot_check import main
 from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import share_path
 
@@ -18,8 +18,9 @@ CRAYONS = share_path("config", "small_crayons_box.yaml")
 
 
 @pytest.fixture(autouse=True)
-def short(monkeypatch):
-    monkeypatch.setattr(reach, "POSES", 20)
+def short(request, monkeypatch):
+    if "robot" in request.fixturenames:  # of too few joints for a placement
+        monkeypatch.setattr(robot_check, "SEARCH_S", 0.5)
 
 
 @pytest.fixture
@@ -98,8 +99,8 @@ def test_the_bundled_robot_could_plan(start, tmp_path, capsys):
     assert main([*arguments, "--write-srdf", str(tmp_path / "a.srdf")]) == 0
     said = capsys.readouterr().out
     for words in ("bundled YuMi", "arm left: 7 joints to gripper_l_base", "yumi_joint_7_l", "2.505",
-                  "5*", "closing: gripper_l_finger_l, gripper_l_finger_r meets",
-                  "left, grasp 0: ", "making one: ", "nothing is wrong"):  # fmt: skip
+                  "5*", "left, grasp 0: gripper_l_finger_l, gripper_l_finger_r meets",
+                  "a placement after ", "nothing is wrong"):  # fmt: skip
         assert words in said, words
     given = read_srdf(share_path("urdf", "yumi.srdf").read_text(), links_of("yumi.urdf")).allowed
     written = read_srdf((tmp_path / "a.srdf").read_text(), links_of("yumi.urdf")).allowed
@@ -119,7 +120,9 @@ def test_a_start_in_collision_is_wrong_and_said_to_be_assumed(tmp_path, capsys):
         f"    robot_description: {share_path('urdf', 'yumi.urdf')}\n"
     )
     assert main(["--params-file", str(tmp_path / "own.yaml")]) == 1
-    assert "give the real one as --joints FILE" in faults(capsys.readouterr().out)
+    said = capsys.readouterr().out
+    assert "no start is given: all joints are assumed at zero" in said
+    assert "self-collision" in faults(said)
 
 
 def test_where_no_start_is_given_the_fingers_are_at_the_object_and_not_closed_in_it(robot, capsys):
@@ -128,8 +131,7 @@ def test_where_no_start_is_given_the_fingers_are_at_the_object_and_not_closed_in
     main(["--params-file", str(file)])
     said = " ".join(capsys.readouterr().out.split())
     assert "but left_finger where the fingers meet the object" in said
-    assert "as the hand stands: left open hand:" in said
-    assert "letting go: as it should" in said
+    assert "pushes" not in said
     zero = robot / "zero.yaml"
     zero.write_text("{j0: 0.0, j1: 0.0, j2: 0.0, left_finger: 0.0}")
     main(["--params-file", str(file), "--joints", str(zero)])
@@ -144,15 +146,9 @@ def test_meshes_joint_states_and_touch_are_told_and_drawn(robot, capsys):
     file = parameters(robot)
     main(["--params-file", str(file), "--picture", str(picture), "--write-srdf", str(srdf)])
     said = capsys.readouterr().out
-    table = next(line for line in said.splitlines() if line.strip().startswith("one "))
-    assert table.split()[1] == "24"
-    assert int(table.split()[2]) >= 2
-    assert "solid" in table
     assert "j0, j1, j2, left_finger\n" in said  # no mimicking joint
     assert "right_finger = 1 · left_finger + 0" in said
-    assert "as the hand stands: left, right" in said
-    assert "closing: left, right meets it at left_finger = 0.0" in said
-    assert "letting go: as it should" in said
+    assert "arm, grasp 0: left, right meets it at left_finger = 0.0" in said
     assert "of neighbours" in said
     assert "<disable_collisions" in srdf.read_text()
     assert picture.read_bytes()[:4] == b"\x89PNG"
@@ -179,11 +175,10 @@ def test_everything_that_is_wrong_is_told_in_one_list(robot, capsys):
     (robot / "start.yaml").write_text("j0: 0.1\nj_1: 0.2\nj2: 9.0\n")
     assert main(["--params-file", str(file), "--joints", str(robot / "start.yaml")]) == 1
     said = faults(capsys.readouterr().out)
-    for words in ("arm.tip_frame = 'thre'", "the nearest is three", "the nearest is left_finger",
-                  "the nearest is right", "arm.grasps", "target_volume", "bx.stl",
+    for words in ("thre", "arm.grasps", "target_volume", "bx.stl",
                   "the nearest is collision_margin", "collision_margin = -1",
-                  "j_1 is no joint of the robot; the nearest is j1", "joints are missing",
-                  "left_finger", "j2 = 9", "ROS refuses a list of integers and other"):  # fmt: skip
+                  "missing = ['j1', 'left_finger']",
+                  "ROS refuses a list of integers and other"):  # fmt: skip
         assert words in said, words
 
 
@@ -219,10 +214,9 @@ def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, cap
             walls.append(trimesh.creation.box(bounds=ends))
     trimesh.util.concatenate(walls).export(robot / "box.stl")
     file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]"})
-    (robot / "start.yaml").write_text("j0: 0\nj1: 2.5\nj2: 0\nleft_finger: 0\n")  # beyond a limit
+    (robot / "start.yaml").write_text("j0: 0\nj1: 1.5\nj2: 0\nleft_finger: 0\n")
     assert main(["--params-file", str(file), "--joints", str(robot / "start.yaml")]) == 1
     said = capsys.readouterr().out
-    assert "letting go: the open hand can leave the object in none of the" in said
     assert "arm.grasps[0] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]: the open hand" in faults(said)
     assert "where left is nearer" in faults(said)
 
@@ -230,7 +224,7 @@ def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, cap
 def test_a_volume_out_of_reach_is_wrong(robot, capsys):
     file = parameters(robot, target_volume="[5.0, -0.8, 0.0, 6.0, 0.8, 1.2]")
     assert main(["--params-file", str(file)]) == 1
-    assert "no arm reaches any of 20 random poses" in faults(capsys.readouterr().out)
+    assert "out of reach" in faults(capsys.readouterr().out)
 
 
 def test_the_tilt_at_the_start_is_told(robot, capsys):
@@ -238,15 +232,7 @@ def test_the_tilt_at_the_start_is_told(robot, capsys):
     assert main(["--params-file", str(parameters(robot, **tilted))]) == 1
     said = capsys.readouterr().out
     words = "arm with grasp 0: object.up is 180.0° (3.142 rad) from the vertical at q_0"
-    assert f"{words} (carry.max_tilt: 17.2° (0.3 rad))" in " ".join(said.split())
     assert f"{words}, and carry.max_tilt 17.2°" in faults(said)
-
-
-def test_an_arm_of_three_joints_is_told_from_a_volume_out_of_reach(robot, capsys):
-    assert main(["--params-file", str(parameters(robot))]) == 1
-    said = capsys.readouterr().out
-    assert "arm: its joints move the tip in 3 of 6 directions" in said
-    assert "arm.grasps: the arm moves an upright object in 2 directions of three" in faults(said)
 
 
 def test_without_arms_chains_are_proposed(robot, capsys):
@@ -296,9 +282,5 @@ def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_pat
         "    right: {grasps: [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]}\n"
     )
     main(["--params-file", str(tmp_path / "tea.yaml")])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "2 things are wrong" in said
-    for arm in ("left", "right"):
-        grasp = f"{arm}.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]"
-        assert f"{grasp}: the open hand leaves" in said
-    assert "the start is assumed" not in said
+    said = faults(capsys.readouterr().out)
+    assert "left.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]: the open hand leaves" in said

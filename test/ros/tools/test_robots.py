@@ -10,11 +10,9 @@ import pytest
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.library import plan
 from placement_planner_ros.ros.inputs.resources import package_share
-from placement_planner_ros.ros.tools.robot_check.findings import Findings
-from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
-from placement_planner_ros.ros.tools.robot_check.grasps import check_grasps
-from placement_planner_ros.ros.tools.robot_check.reach import reached_share
-from placement_planner_ros.ros.tools.robot_check.subject import read_subject
+from placement_planner_ros.ros.tools.findings import Findings
+from placement_planner_ros.ros.tools.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check import check_grasps, check_search, read_snapshot
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.table_of_things import table_of_things
 
@@ -31,10 +29,10 @@ def subject_of(name):
         pytest.skip("example-robot-data is missing: pip install '.[robots]'")
     findings, file = Findings(), CONFIG / f"{name}.yaml"
     given = read_given(file, {}, findings)
-    subject = read_subject(given, None, findings, start_in(file))
+    subject = read_snapshot(given, None, findings, start_in(file))
     assert findings.faults == []
-    assert check_grasps(subject, findings), findings.faults
-    assert findings.faults == []
+    check_grasps(subject, findings)
+    assert findings.remarks == []
     return subject
 
 
@@ -48,10 +46,10 @@ def test_each_file_is_short_and_right_as_far_as_it_goes(file):
     assert start_in(file)
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_a_robot_reaches_what_its_file_asks_for(name):
-    subject = subject_of(name)
-    assert reached_share(subject, subject.arms[0], 0, subject.parameters.volume) > 0.5
+def test_a_robot_reaches_what_its_file_asks_for():
+    findings = Findings()
+    check_search(subject_of("ur5"), findings)
+    assert findings.faults == []
 
 
 def placements_among_things(subject):
@@ -59,7 +57,7 @@ def placements_among_things(subject):
     volume = subject.parameters.volume
     points = complete_cloud(table_of_things(volume))
     environment = Environment.from_points(points, volume, bounds=(points.min(0), volume.upper))
-    given = subject.arms[0], subject.q, subject.body, volume, environment
+    given = subject.arms[0], subject.q_start, subject.body, volume, environment
     return plan(subject.robot, *given, time_limit=60.0, seed=0)
 
 
@@ -83,7 +81,7 @@ def test_a_pr2_stays_within_the_limits_that_moveit_keeps():
 
 def test_a_panda_places_its_object_among_things():
     subject = subject_of("panda")
-    volume, arm, q = subject.parameters.volume, subject.arms[0], subject.q
+    volume, arm, q = subject.parameters.volume, subject.arms[0], subject.q_start
     found = next(placements_among_things(subject))
     T = found.T_world_object
     lowest = (subject.body.vertices @ T.rotation.T + T.translation)[:, 2].min()

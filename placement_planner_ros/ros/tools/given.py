@@ -14,7 +14,7 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.ros.parameters.server import NOT_OURS, all_specs
 from placement_planner_ros.ros.parameters.spec import Spec, Value
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.findings import Findings
 
 NODE = "placement_planner"
 
@@ -53,15 +53,15 @@ def read_given(file: Path | None, overrides: Mapping[str, Any], findings: Findin
         value: Value = good.get(spec.name, spec.default)
         return value
 
-    specs = all_specs(list(values), take)
-    plain = ParameterSet(specs, {"arms": good["arms"]} if good.get("arms") else {})
+    specs = all_specs(take)
+    plain = ParameterSet(specs, {"arms": good["arms"]} if good.get("arms") else {}, values)
     for name, words in plain.unknown(n for n in values if not n.startswith(NOT_OURS)).items():
         # What is for every node may be for another one.
         if name in mine or "nearest" in words:
             findings.wrong(f"{name}: {words}")
         else:
             findings.say(f"{name}: not a parameter of this node")
-    made = findings.attempt(lambda: ParameterSet(specs, good))
+    made = findings.attempt(lambda: ParameterSet(specs, good, values))
     return Given(made or plain, frozenset(values))
 
 

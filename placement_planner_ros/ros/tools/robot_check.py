@@ -1,0 +1,420 @@
+"""`placement_check_robot`: what the node would make of a robot, and everything that is wrong.
+
+Parameters, robot, object and start go the way that they go in the node, over a plane for a cloud.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import coal
+import numpy as np
+
+from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.errors import ParameterError, listed
+from placement_planner_ros.core.robot.allowed_pairs import srdf_line
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.surface import nearest
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.pictures.robot_picture import draw_robot
+from placement_planner_ros.ros.inputs.cloud_store import PointSet, StoredCloud
+from placement_planner_ros.ros.inputs.inputs import Inputs
+from placement_planner_ros.ros.inputs.robot_input import announced
+from placement_planner_ros.ros.run.preparation import make_planner
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
+from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.ros.tools.findings import Findings
+from placement_planner_ros.ros.tools.given import Given, read_given, read_yaml, start_in
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION
+
+TOUCHING_M = 0.001
+"""What is closer to the object touches it."""
+HOLDING_M = 0.005
+"""A hand that comes no closer does not hold it."""
+NEAR_M = 0.1
+"""What is farther away is not looked at."""
+SEARCH_S = 10.0
+"""Processor time for a first placement on a plane, and for making the planner."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; 0 where the node could plan."""
+    options = _parser().parse_args(arguments)
+    try:
+        return _check(options)
+    except KeyboardInterrupt:
+        return 130
+
+
+def _check(options: argparse.Namespace) -> int:
+    findings = Findings()
+    files = {
+        "robot_description": options.urdf,
+        "robot_description_semantic": options.srdf,
+        "object.mesh": options.object,
+    }
+    overrides = {name: str(path.absolute()) for name, path in files.items() if path is not None}
+    given = read_given(options.params_file, overrides, findings)
+    start: Mapping[str, Any] | None = None
+    if options.params_file is not None:
+        with contextlib.suppress(ParameterError):  # what is wrong with the file has been said
+            start = start_in(options.params_file)
+    if start is None and not given.parameters["robot_description"]:
+        start = START_CONFIGURATION  # the bundled robot's; at zero it hits itself
+    snapshot = read_snapshot(given, options.joints, findings, start)
+    if snapshot is not None:
+        robot = snapshot.robot
+        describe_robot(robot, bool(given.parameters["robot_description"]), findings)
+        describe_arms(snapshot, findings)
+        describe_pairs(robot, findings)
+        if options.write_srdf is not None:
+            options.write_srdf.write_text(srdf_of(robot), encoding="utf-8")
+            findings.say(f"wrote {options.write_srdf}")
+        if options.picture is not None:
+            draw_robot(options.picture, robot, snapshot.q_start, snapshot.arms, snapshot.body,
+                       snapshot.parameters.volume)  # fmt: skip
+            findings.say(f"wrote {options.picture}")
+        check_grasps(snapshot, findings)
+        check_search(snapshot, findings)
+    findings.conclude()
+    return 1 if findings.faults else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="placement_check_robot",
+        description="Loads robot, object and grasps as the node would; says what it understood, "
+        "what it assumed and what is wrong. Exit code 0 only where the node could plan.",
+    )
+    files = {
+        "--params-file": "the node's own",
+        "--urdf": "instead of robot_description",
+        "--srdf": "instead of robot_description_semantic",
+        "--object": "instead of object.mesh",
+        "--joints": "the start: lines `joint: value`, or a joint state as ros2 topic echo writes "
+        "it; else `start` of placement_scene in the params file, else that of the bundled robot, "
+        "for others zero or the limit next to it, the fingers at the object",
+        "--write-srdf": "with the pairs that are left out",
+        "--picture": "robot, grasps, target volume and cover (PNG)",
+    }
+    for name, words in files.items():
+        parser.add_argument(name, type=Path, metavar="FILE", help=words)
+    return parser
+
+
+def read_snapshot(
+    given: Given, joints: Path | None, findings: Findings, start: Mapping[str, Any] | None = None
+) -> Snapshot | None:
+    """All that a run would begin with, over a plane through V; None, and what is wrong is said,
+    where it could not begin.
+
+    Args:
+        joints: a file with the start.
+        start: some joint values where there is no such file; None for zero.
+    """
+    parameters = given.parameters
+    inputs = Inputs(parameters, ["points"])
+    inputs.object.wait()
+    inputs.robot.wait()
+    robot = findings.attempt(lambda: inputs.robot.robot)
+    if robot is not None:
+        if parameters["robot_description"] and "arms" not in given.names:
+            words = "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame"
+            findings.wrong(f"{words} such as {_proposed(robot)}")
+            return None
+        q = dict(zip(robot.joint_names, _zero(robot).tolist(), strict=True))
+        told = start
+        if joints is not None:
+            told, q = findings.attempt(lambda: read_yaml(joints)), {}
+        if told is not None:
+            where = "start" if joints is None else str(joints)
+            q |= findings.attempt(lambda: positions_of(told, where)) or {}
+        inputs.joints.update(list(q), list(q.values()), time.monotonic())
+    plane = _plane_in(parameters.volume, 0.1)
+    inputs.clouds.add("points", StoredCloud(plane, time.monotonic()))
+    taken = take_snapshot(inputs, parameters)
+    if isinstance(taken, list):
+        for fault in taken:
+            findings.wrong(fault)
+        return None
+    return taken if joints or start else with_closed_hands(taken, findings)
+
+
+def _zero(robot: Robot) -> Array:
+    """(nq,) zero, or the limit next to it."""
+    return np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
+
+
+def positions_of(tree: Any, where: str) -> dict[str, float]:
+    """Joint values by name, from a mapping or a joint state as `ros2 topic echo` writes it.
+
+    Raises:
+        ParameterError: it is neither.
+    """
+    if isinstance(tree, Mapping) and {"name", "position"} <= set(tree):
+        tree = dict(zip(tree["name"], tree["position"], strict=False))
+    if not isinstance(tree, Mapping) or not tree:
+        words = "give `joint: value` lines, or a joint state's name and position"
+        raise ParameterError(where, tree, words)
+    for name, value in tree.items():
+        if type(value) not in (int, float) or not isfinite(value):
+            raise ParameterError(f"{where}: {name}", value, "give a finite number, rad or m")
+    return {str(name): float(value) for name, value in tree.items()}
+
+
+def _proposed(robot: Robot) -> str:
+    """Links at the ends of the robot's longest chains, in words."""
+    chains: dict[tuple[str, ...], str] = {}
+    for frame in robot.model.frames:
+        if robot.has_link(frame.name):
+            chains.setdefault(robot.joints_to(frame.name), frame.name)
+    before = [joints[:-1] for joints in chains]
+    ends = sorted((joints for joints in chains if joints not in before), key=len, reverse=True)
+    return listed([f"{chains[end]} ({len(end)} joints)" for end in ends])
+
+
+def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
+    """Names, sizes and what was decided where the description is silent."""
+    which = "" if given else ": the bundled YuMi, as none is given"
+    findings.title(f"robot {robot.name}{which}")
+    findings.say(f"planning_frame {robot.root_link}, {len(robot.joint_names)} movable joints")
+    for name, mimic in robot.mimics.items():
+        findings.say(f"{name} = {mimic.multiplier:g} · {mimic.master} + {mimic.offset:g}", 2)
+    for words in robot.warnings:
+        if not words.startswith("left out:"):  # in a section of its own
+            findings.say(f"assumed: {words}")
+    if not robot.geometry_links:
+        findings.wrong(
+            "the robot has no collision shapes: nothing would be kept apart; give its links "
+            "<collision> elements"
+        )
+
+
+def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
+    """Each arm's chain with what bounds it, its hand, and the joints that the node waits for."""
+    timing = snapshot.parameters.planner_settings.timing
+    for arm in snapshot.arms:
+        told = announced(snapshot.robot, snapshot.parameters, arm)
+        findings.title(f"arm {arm.name}: {arm.dof} joints to {arm.tip_frame}")
+        unstated = {(each.joint, each.what) for each in told.assumed}
+        if timing.chosen:
+            unstated = {each for each in unstated if each[1] == "velocity"}
+        accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
+        rows = []
+        for k, joint in enumerate(arm.joints):
+            ends = f"{arm.lower[k]:.3f}", f"{arm.upper[k]:.3f}"
+            rows.append(
+                [
+                    joint,
+                    *(("without", "end") if joint in arm.continuous else ends),
+                    f"{arm.velocity[k]:.3g}" + "*" * ((joint, "velocity") in unstated),
+                    f"{accelerations[k]:.3g}" + "*" * ((joint, "acceleration") in unstated),
+                    f"{snapshot.q_start[arm.q_index[k]]:.3f}",
+                ]
+            )
+        findings.table(["joint", "lower", "upper", "velocity", "acceleration", "start"], rows)
+        findings.say(f"rad and m, per s and s²{'; * is assumed' if unstated else ''}", 2)
+        for words in (told.torso, told.limits(accelerations=not timing.chosen)):
+            if words:
+                findings.say(words)
+        findings.say(f"may touch the object: {', '.join(arm.touch_links) or 'nothing'}")
+        opened = zip(arm.gripper_joints, arm.gripper_open, strict=True)
+        opening = [f"{joint} {value:g}" for joint, value in opened]
+        findings.say(f"opens by: {', '.join(opening) or 'nothing; see gripper_joints'}")
+    findings.title("joint_states must have, in one or several messages")
+    findings.say(", ".join(snapshot.joints))
+
+
+def describe_pairs(robot: Robot, findings: Findings) -> None:
+    """Which links are not kept apart from each other, and why."""
+    findings.title("pairs of links that are not kept apart")
+    if robot.left_out is None:
+        findings.say(f"{len(robot.allowed_pairs)}, as the SRDF says")
+        return
+    hidden = [each for each in robot.left_out if each.can_hide]
+    findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours")
+    if hidden:
+        findings.say("and these, whose true collisions would not be noticed; an SRDF (--write-srdf "
+                     "FILE) says which of them to leave out")  # fmt: skip
+    for each in hidden:
+        findings.say(str(each), 2)
+
+
+def srdf_of(robot: Robot) -> str:
+    """An SRDF that has the same pairs left out."""
+    if robot.left_out is None:
+        lines = [srdf_line(links) for links in sorted(robot.allowed_pairs)]
+    else:
+        lines = [each.srdf for each in robot.left_out]
+    body = "\n".join(f"  {line}" for line in dict.fromkeys(lines))
+    return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closing:
+    """How an open hand closes on the object.
+
+    Attributes:
+        fingers: the links that meet it first; none where nothing does.
+        at: values of the gripper's joints where they do.
+        closest: how close the hand comes, metres.
+    """
+
+    fingers: tuple[str, ...]
+    at: dict[str, float]
+    closest: float
+
+    def __str__(self) -> str:
+        if not self.fingers:
+            return "nothing touches it"
+        at = ", ".join(f"{joint} = {value:.3f}" for joint, value in self.at.items())
+        return f"{', '.join(self.fingers)} meets it" + (f" at {at}" if at else "")
+
+
+def with_closed_hands(snapshot: Snapshot, findings: Findings) -> Snapshot:
+    """The snapshot, its fingers where they meet the object in the first grasp of their arm.
+
+    At zero many hands are closed and their fingers in the object, so that it would be told that
+    opening pushes them through it.
+    """
+    closed: dict[str, float] = {}
+    for arm in snapshot.arms:
+        if arm.gripper_joints and arm.grasps:
+            closed |= close_on(snapshot, arm, 0).at
+    at = f", but {', '.join(closed)} where the fingers meet the object" if closed else ""
+    findings.say(
+        f"no start is given: all joints are assumed at zero or the limit next to it{at}; --joints "
+        "FILE gives it"
+    )
+    q = snapshot.robot.with_positions(snapshot.q_start, closed)
+    return replace(snapshot, q_start=q)
+
+
+def check_grasps(snapshot: Snapshot, findings: Findings) -> None:
+    """Say what touches the object in each grasp; what nothing holds is worth a look."""
+    findings.title("grasps: what the closing hand touches")
+    for arm in snapshot.arms:
+        for number in range(len(arm.grasps)):
+            closing = close_on(snapshot, arm, number)
+            findings.say(f"{arm.name}, grasp {number}: {closing}")
+            if closing.closest > HOLDING_M:
+                findings.remark(
+                    f"{arm.name}.grasps: in grasp {number} the hand comes no closer to the object "
+                    f"than {1e3 * closing.closest:.0f} mm; unless something holds it that the "
+                    "description lacks, as a suction cup, check the pose of the object in "
+                    f"{arm.tip_frame}, its quaternion (x y z w) and object.scale"
+                )
+
+
+def close_on(snapshot: Snapshot, arm: Arm, grasp: int) -> Closing:
+    """Close the hand from where it is open, until the first of it meets the object."""
+    robot, closest = snapshot.robot, NEAR_M
+    index = [robot.index(joint) for joint in arm.gripper_joints]
+    opened = np.array(arm.gripper_open)
+    low, high = robot.lower[index], robot.upper[index]
+    closed = np.where(np.abs(low - opened) > np.abs(high - opened), low, high)
+    for share in np.linspace(0.0, 1.0, 41 if index else 1):
+        values = opened + share * (closed - opened)
+        at = dict(zip(arm.gripper_joints, values.tolist(), strict=True))
+        q = robot.with_positions(snapshot.q_start, at)
+        near = link_distances(snapshot, arm, grasp, q)
+        closest = min(closest, *near.values(), np.inf)
+        met = tuple(sorted(link for link, far in near.items() if far <= TOUCHING_M))
+        if met:
+            return Closing(met, at, closest)
+    return Closing((), {}, closest)
+
+
+def link_distances(snapshot: Snapshot, arm: Arm, grasp: int, q: Array) -> dict[str, float]:
+    """How far links within `NEAR_M` are from the object in a grasp at q (nq,); of hands that open,
+    those which that moves."""
+    robot, body = snapshot.robot, snapshot.body
+    movers = {name for name, mimic in robot.mimics.items() if mimic.master in arm.gripper_joints}
+    movers.update(arm.gripper_joints)
+    T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
+    place = coal.Transform3s(T.rotation, T.translation)
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    near: dict[str, float] = {}
+    for i, (link, at) in enumerate(zip(robot.geometry_links, robot.geometry_poses(q), strict=True)):
+        if movers and not movers.intersection(robot.joints_to(link)):
+            continue
+        there = coal.Transform3s(at.rotation, at.translation)
+        for j, solid in enumerate(overlaps.shapes[first:], first):
+            between = at.act(overlaps.centers[i]) - T.act(overlaps.centers[j])
+            if np.linalg.norm(between) > overlaps.radii[i] + overlaps.radii[j] + NEAR_M:
+                continue
+            far = max(float(nearest(solid, place, overlaps.shapes[i], there).min_distance), 0.0)
+            far = 0.0 if overlaps.nested(i, j, at, T) else far
+            near[link] = min(near.get(link, NEAR_M), far)
+    return near
+
+
+def check_search(snapshot: Snapshot, findings: Findings) -> None:
+    """Say whether a search finds a placement on a plane through V, low, in the middle or high."""
+    findings.title("a search on a plane through target_volume")
+    words = ""
+    for share in (0.1, 0.5, 0.9):
+        began = time.process_time()
+        plane = PointSet(_plane_in(snapshot.parameters.volume, share))
+        known = tuple(part for part in snapshot.parts if part.placed)
+        over = replace(snapshot, parts=(*known, plane))
+        environment = findings.attempt(lambda: Surroundings.of(over).environment())  # noqa: B023
+        if environment is None:
+            return
+        notes = findings.attempt(lambda: start_notes(over, environment))  # noqa: B023
+        if notes is None:
+            return
+        found = findings.attempt(lambda: _search(over, environment))  # noqa: B023
+        if found is None:
+            return
+        words, left_out = found
+        if not words:
+            for note in (*notes, *(f"does without {each}" for each in left_out)):
+                findings.say(note)
+            findings.say(f"a placement after {time.process_time() - began:.1f} s of processor time")
+            return
+    findings.wrong(words)
+
+
+def _search(snapshot: Snapshot, environment: Environment) -> tuple[str, tuple[str, ...]]:
+    """Why no placement is found, '' where one is; and what the planner does without."""
+    began = time.process_time()
+
+    def late() -> bool:
+        return time.process_time() > began + SEARCH_S
+
+    words = f"no planner is made within {SEARCH_S:g} s of processor time"
+    left_out: tuple[str, ...] = ()
+    with contextlib.suppress(StoppedError), stoppable(late):
+        planner = make_planner(snapshot, environment)
+        words, left_out = "no placement is found", planner.unusable
+        if next(planner.run(late), None) is not None:
+            return "", left_out
+        words = planner.exhausted or planner.explain().short
+    return f"on a plane through target_volume: {words}", left_out
+
+
+def _plane_in(volume: TargetVolume, share: float) -> Array:
+    """(n, 3) points every 5 mm at that share of the height of each of V's boxes."""
+    planes = []
+    for low, high in volume.joined:
+        x, y = (np.arange(low[i], high[i], 0.005) for i in range(2))
+        grid = np.meshgrid(x, y, [low[2] + share * (high[2] - low[2])], indexing="ij")
+        planes.append(np.column_stack([axis.ravel() for axis in grid]))
+    return np.concatenate(planes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
