@@ -23,15 +23,15 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
 CAP = 0.5
 """m, the greatest distance that counts: what an empty table has."""
-COLUMN_M, RUN_M = 0.0025, 0.010
-"""m, side of the columns that points are gathered in, and heights whose points are of one run."""
 VOXEL_M = 0.005
 """m of height that a point of a body stands for."""
-END_STEP_M = 0.00125
+COLUMN_M, RUN_M = 0.5 * VOXEL_M, 2.0 * VOXEL_M
+"""m, side of the columns that points are gathered in, and heights whose points are of one run."""
+END_STEP_M = 0.25 * VOXEL_M
 """m between heights at which runs may end."""
 MOST_ENDS = 48
 """Heights at most at which runs end: those that are nearest to each other are taken for one."""
-SLICE_M = 0.02
+SLICE_M = 4.0 * VOXEL_M
 """m of the thickest slice: within it, distances to what is overhead are linear."""
 MOST_PIXELS = 100_000
 """Pixels of a raster at most; those of large volumes are further apart."""

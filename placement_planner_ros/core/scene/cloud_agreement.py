@@ -15,28 +15,22 @@ from placement_planner_ros.core.types import Array
 Mask = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
 
-COLUMN = 0.02
-"""m, edge of the columns in which heights are compared."""
-_GAP = 0.005
-"""m without points between two surfaces of one column."""
-_THICK = 0.02
-"""m that the points of a level surface in one column reach up and down at most: noise and slope."""
-_FEWEST = 5
+COLUMN_M = 0.02
+"""m, edge of the columns in which heights are compared; points of a level surface in one of them
+reach up and down by no more, with noise and slope."""
+_GAP_M = 0.005
+"""m without points between two surfaces of one column, and by which calibrated cameras differ: what
+is put down there falls no deeper."""
+_SURFACE_POINTS = 5
 """Points of a surface in a column."""
 _INDEPENDENT = 9.0
 """Points of a column whose errors are independent, at most: neighbouring pixels err alike."""
-_SURE = 3.0
-"""Times the mean's error that two means are apart by more than chance."""
-_REACH = 0.05
+_CALIBRATION_M = 0.05
 """m between two surfaces that may be one; calibrations are not off by more."""
-_PATCH = 9
+_PATCH_COLUMNS = 9
 """Columns, side by side, that make a patch: 6 cm by 6 cm."""
-_TOGETHER = 0.5
+_TOGETHER_S = 0.5
 """s between two clouds between which nothing has moved."""
-_MOST = 0.5
-"""Share of what both see that differs alike where a camera is off, and not something has moved."""
-_ORDINARY = 0.005
-"""m that calibrated cameras differ by: what is put down there falls no deeper."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,15 +72,15 @@ class _Surfaces:
 
     @classmethod
     def of(cls, points: Array) -> _Surfaces:
-        columns = np.floor(points[:, :2] / COLUMN).astype(np.int64)
+        columns = np.floor(points[:, :2] / COLUMN_M).astype(np.int64)
         rows = np.lexsort([points[:, 2], columns[:, 1], columns[:, 0]])
         columns, z = columns[rows], points[rows, 2]
         # a surface ends with its column, or where a gap is above it
-        ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > _GAP)
+        ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > _GAP_M)
         first = np.append(0, np.flatnonzero(ends) + 1)
         last = np.append(first[1:], len(z))
         count = (last - first).astype(np.float64)
-        level = (count >= _FEWEST) & (z[last - 1] - z[first] <= _THICK)
+        level = (count >= _SURFACE_POINTS) & (z[last - 1] - z[first] <= COLUMN_M)
         height = np.add.reduceat(z, first) / count
         square = np.add.reduceat((z - np.repeat(height, last - first)) ** 2, first)
         error = np.sqrt(square / np.maximum(count - 1.0, 1.0) / np.minimum(count, _INDEPENDENT))
@@ -123,14 +117,14 @@ def disagreements(
         if not len(a):
             continue
         higher = second.height[b] - first.height[a]
-        doubt = _SURE * np.hypot(first.error[a], second.error[b])
-        together = abs(times[i] - times[j]) <= _TOGETHER
+        doubt = 3.0 * np.hypot(first.error[a], second.error[b])
+        together = abs(times[i] - times[j]) <= _TOGETHER_S
         for way in (1.0, -1.0):
             apart = way * higher > tolerance + doubt
             apart &= _in_patches(first.columns[a], apart)
-            if not apart.any() or not (together or apart.mean() > _MOST):
+            if not apart.any() or not (together or apart.mean() > 0.5):
                 continue
-            deep = apart & (np.abs(higher) > max(tolerance, _ORDINARY) + doubt)
+            deep = apart & (np.abs(higher) > max(tolerance, _GAP_M) + doubt)
             where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
             height = float(np.median(higher[apart]))
             found.append(Disagreement(names[i], names[j], height, np.vstack(where)))
@@ -138,7 +132,7 @@ def disagreements(
 
 
 def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
-    """Rows of surfaces in the same column that are each other's nearest, within `_REACH`."""
+    """Rows of surfaces in the same column that are each other's nearest and no further apart."""
     low = np.minimum(first.columns.min(axis=0, initial=0), second.columns.min(axis=0, initial=0))
     wide = 1 + max(int(s.columns[:, 1].max(initial=0)) for s in (first, second)) - low[1]
     # one number for both: columns are farther apart in it than any two heights
@@ -151,7 +145,7 @@ def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
     if not len(keys[0]) or not len(keys[1]):
         return there[:0], there[:0]
     rows = np.flatnonzero(back[there] == np.arange(len(keys[0])))
-    rows = rows[np.abs(keys[0][rows] - keys[1][there[rows]]) <= _REACH]
+    rows = rows[np.abs(keys[0][rows] - keys[1][there[rows]]) <= _CALIBRATION_M]
     return rows, there[rows]
 
 
@@ -164,13 +158,13 @@ def _nearest(of: Array, among: Array) -> Rows:
 
 
 def _in_patches(columns: Rows, which: Mask) -> Mask:
-    """(n,) those of some columns (n, 2) that have at least `_PATCH` of them side by side."""
+    """(n,) those of some columns (n, 2) that are at least `_PATCH_COLUMNS` side by side."""
     if not which.any():
         return which
     at = columns - columns.min(axis=0)
     grid = np.zeros(at.max(axis=0) + 1, np.bool_)
     grid[tuple(at[which].T)] = True
     labels, _ = ndimage.label(grid)
-    large = np.bincount(labels.ravel()) >= _PATCH
+    large = np.bincount(labels.ravel()) >= _PATCH_COLUMNS
     large[0] = False
     return which & large[labels[tuple(at.T)]]

@@ -22,13 +22,13 @@ _LEVELS = 255
 """Steps to the cap."""
 _EXACT = 2.5
 """Cells up to which distances are exact."""
-_SCATTERED = 8
-"""Cells of a column that are looked at around a box, all at once: five, and three for nothing."""
 _TILE = 4
 """Cells along each side of a tile."""
+_SCATTERED = 2 * _TILE
+"""Cells of a column that are looked at around a box, all at once: five, and three for nothing."""
 _UNITS = 2.0**30
 """The greatest squared distance, in units in which lines are compared ..."""
-_UNSURE = 512.0
+_UNSURE = _UNITS * 2.0**-21
 """... which rounding makes wrong by less than this: three float32 operations, 2^-24 each."""
 _ROUNDING = 1e-6
 """Relative: more than what float32 loses."""
@@ -80,6 +80,11 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     # memory of numpy's takes less time to get than that of kernels
     levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
     per_metre = (1.0 - _ROUNDING) / step
+    # further than the cap from all boxes; outside of the shape nothing is known
+    levels[:] = int(cap * per_metre)
+    by_axis = levels.reshape(*tiles, _TILE, _TILE, _TILE)
+    for axis, cells in enumerate(obstacles.shape):
+        np.moveaxis(by_axis, (axis, 3 + axis), (0, 1))[-1, _TILE - -cells % _TILE :] = 0
     _distance_bound(obstacles.arrays, cap, per_metre, steps, first_cell, values, levels)
     levels.setflags(write=False)
     exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
@@ -249,7 +254,6 @@ def _put_levels(
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     # planes i - 2 .. i + 2, cyclic, with two cells before each column and room for `_SCATTERED`
     exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
-    _fill_all(levels, boxes.number_at.shape, _level_of(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
     line = np.full(_TILE * tiles, _level_of(farthest, np.float32(per_metre)), np.uint8)
@@ -271,21 +275,6 @@ def _put_levels(
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
             near[:] = beyond
-
-
-@kernel(lean=True)
-def _fill_all(levels: Levels, shape: tuple[int, int, int], level: np.uint8) -> None:
-    """The tiles of a grid of that shape, all cells at one level; 0 outside of the shape."""
-    nx, ny, nz = shape
-    levels[:] = level
-    last = (-nx) % _TILE, (-ny) % _TILE, (-nz) % _TILE  # cells missing in the last tiles
-    for n in range(_TILE**3):
-        if n // 16 >= _TILE - last[0]:
-            levels[-1, :, :, n] = 0
-        if n // 4 % 4 >= _TILE - last[1]:
-            levels[:, -1, :, n] = 0
-        if n % 4 >= _TILE - last[2]:
-            levels[:, :, -1, n] = 0
 
 
 @kernel(lean=True)

@@ -12,15 +12,17 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
-from placement_planner_ros.core.scene.cloud_agreement import Disagreement
-from placement_planner_ros.core.scene.compartment import has_unseen_ceiling
-from placement_planner_ros.core.scene.extent import cropped, finite_extent
-from placement_planner_ros.core.scene.grid import (
-    GridSettings,
-    ObstacleSet,
+from placement_planner_ros.core.scene.cloud import (
+    AROUND_M,
     checked_bounds,
     checked_cloud,
+    cropped,
+    finite_extent,
+    thinned,
 )
+from placement_planner_ros.core.scene.cloud_agreement import Disagreement
+from placement_planner_ros.core.scene.compartment import has_unseen_ceiling
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.layers import SlopeCloud
 from placement_planner_ros.core.scene.near_points import NearPoints, laid_over
@@ -32,13 +34,7 @@ from placement_planner_ros.core.scene.regions import (
     regions_of_layer,
 )
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.thinning import thinned
-from placement_planner_ros.core.scene.visibility import (
-    AROUND_M,
-    OutsideRobot,
-    SeenSpace,
-    View,
-)
+from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
@@ -47,8 +43,6 @@ MAX_CELLS = 100_000_000
 
 CONTACT_TOLERANCE_M = 0.003
 """m above or below a region's height within which surface is of it."""
-_AROUND = 0.3
-"""m that is known around V, in x and y."""
 _RIM_CELLS = 2
 """Cells around all points that the obstacle set has, too."""
 
@@ -60,7 +54,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
         VolumeError: it has more than `MAX_CELLS`.
     """
     sides = volume.upper - volume.lower  # one grid holds all of its boxes
-    padded = sides + 2.0 * _AROUND * np.array([1.0, 1.0, 0.0])
+    padded = sides + 2.0 * AROUND_M * np.array([1.0, 1.0, 0.0])
     cells = float(np.prod(padded / cell_size + 2.0))
     if cells > MAX_CELLS:
         raise VolumeError(
@@ -94,7 +88,7 @@ class Incline:
         """d_S in V for what stands on them: sideways is along the slope."""
         step("making distances to the environment")
         return ClearanceField(
-            self.measured, self.volume, self.beyond, padding=_AROUND, slope=self.slope
+            self.measured, self.volume, self.beyond, padding=AROUND_M, slope=self.slope
         )
 
     def sheared(self, T_world_object: Array) -> Array:
@@ -244,12 +238,18 @@ class Environment:
         """Whether V lies in a compartment whose ceiling no sensor saw."""
         return self.seen_space is not None and has_unseen_ceiling(self.seen_space, self.regions)
 
+    @property
+    def sparse(self) -> float:
+        """Share of the largest surface that nothing is put down on as its points are so far apart
+        that holes may lie between them, and no line of sight tells that there are none."""
+        return self.support.sparse
+
     @cached_property
     def clearance(self) -> ClearanceField:
         """d_S in V, made when it is first asked for."""
         step("making distances to the environment")
         beyond = CAP if self.beyond_volume else 0.0
-        return ClearanceField(self.measured, self.volume, beyond, padding=_AROUND)
+        return ClearanceField(self.measured, self.volume, beyond, padding=AROUND_M)
 
     @classmethod
     def from_points(
@@ -301,7 +301,7 @@ class Environment:
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(cloud, grid, held)
         step("finding placement regions")
-        around = volume.lower - AROUND_M, volume.upper + AROUND_M
+        around = volume.lower - CAP, volume.upper + CAP
         seen = tuple(view.towards(*around, grid.cell_size) for view in (*views, *sights))
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)

@@ -22,7 +22,7 @@ from placement_planner_ros.core.scene.cells import (
     close_gaps,
     sort_into_cells,
 )
-from placement_planner_ros.core.scene.extent import finite_extent
+from placement_planner_ros.core.scene.cloud import checked_bounds, checked_cloud, finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
@@ -33,8 +33,8 @@ _ORIGIN_SHIFT = 0.03
 """Cells begin this share of a cell before whole multiples of their size, so that a surface at a
 round height does not fall onto a face between two layers, where rounding would scatter its points
 over both."""
-_ROUNDING = 1e-6
-"""m."""
+ROUNDING = 1e-6
+"""m, and cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,8 +238,8 @@ class ObstacleSet:
         rows = self.number_at[tuple(above[known].T)] - 1
         while (rows >= 0).any():
             known, rows = known[rows >= 0], rows[rows >= 0]
-            covers = (self.lower[rows, :2] <= lower[known, :2] + _ROUNDING).all(axis=1)
-            covers &= (self.upper[rows, :2] >= upper[known, :2] - _ROUNDING).all(axis=1)
+            covers = (self.lower[rows, :2] <= lower[known, :2] + ROUNDING).all(axis=1)
+            covers &= (self.upper[rows, :2] >= upper[known, :2] - ROUNDING).all(axis=1)
             found, low = known[covers], self.lower[rows[covers], 2]
             heights[found] = np.minimum(heights[found], low)
             rows = self.next[rows]
@@ -324,43 +324,10 @@ def _read_only(array: _AnyArray) -> _AnyArray:
     return array
 
 
-def checked_cloud(points: npt.ArrayLike) -> Array:
-    """(n, 3) the points as they are, NaN where nothing was seen.
-
-    Raises:
-        CloudError: not (n, 3), or points, but no finite one.
-    """
-    try:
-        cloud = np.ascontiguousarray(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise CloudError("points", type(points).__name__, "give numbers of shape (n, 3)") from error
-    if cloud.size == 0:
-        return np.zeros((0, 3))
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise CloudError("points.shape", cloud.shape, "give points of shape (n, 3)")
-    if not np.isfinite(cloud.sum()) and not np.isfinite(cloud).all(axis=1).any():
-        raise CloudError("points", f"{len(cloud)} points", "none is finite; check the sensor")
-    return cloud
-
-
 def _extent(cloud: Array) -> tuple[Array, Array]:
     count, corners = finite_extent(cloud)
     if count == 0:
         raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
-    return corners[0], corners[1]
-
-
-def checked_bounds(bounds: tuple[npt.ArrayLike, npt.ArrayLike]) -> tuple[Array, Array]:
-    """Lower and upper corner (3,) of a box.
-
-    Raises:
-        CloudError: they are not finite, or not in this order.
-    """
-    corners = np.array(bounds, dtype=np.float64)
-    if corners.shape != (2, 3) or not np.isfinite(corners).all():
-        raise CloudError("bounds", corners.tolist(), "give two corners of three finite numbers")
-    if not (corners[1] > corners[0]).all():
-        raise CloudError("bounds", corners.tolist(), "give the lower corner first")
     return corners[0], corners[1]
 
 

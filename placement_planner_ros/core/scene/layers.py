@@ -21,6 +21,7 @@ import numpy.typing as npt
 from scipy.ndimage import label, map_coordinates, maximum_filter
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.rasters import (
     TILE_M,
     WIDEST,
@@ -58,12 +59,6 @@ HOLE_M = 0.004
 SURE_RAYS = 12
 """Rays that ended about a place on the surface for each that passed it, to tell that it is whole:
 if a quarter of it were open, three in a hundred times that many would by chance."""
-AROUND_M = 0.35
-"""m around V, in x and y, in which layers are known."""
-CLEAR_M = 0.1
-"""m below and above all surfaces in which points matter to their layers."""
-HEIGHT_WINDOW_M = 0.025
-"""m, side of the square over which heights of noisy points are averaged."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
 SHEET_M = 0.0015
@@ -89,6 +84,8 @@ class Layer(NamedTuple):
     """m, the highest point near the layer; -inf where there is none."""
     risen: Mask
     """Whether something stands there that rises from the layer."""
+    sparse: float
+    """Share of the surface that is lost to holes wider than `HOLE_M`, which may be chance."""
 
 
 class SlopeCloud:
@@ -266,11 +263,12 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
     # a sensor that saw nothing below tells nothing of holes
     ended = ended if len(passed) >= SURE_RAYS else ended[:0]
     ended, passed = raster.at(ended), raster.at(passed)
-    radius = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
-    radius = np.where(
-        _whole_surface(raster, ended, passed), radius, np.minimum(radius, HOLE_M / pixel)
-    )
-    gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), HOLE_M / pixel)
+    widest, chance = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
+    whole, hole = _whole_surface(raster, ended, passed), HOLE_M / pixel
+    radius = np.where(whole, chance, np.minimum(chance, hole))
+    closed = widest <= chance
+    sparse = float((widest[closed & ~whole] > hole).sum() / max(int(closed.sum()), 1))
+    gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), hole)
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
     rays = raster.middles(passed) if len(passed) else passed
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
@@ -297,6 +295,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
         surface,
         top,
         risen,
+        sparse,
     )
 
 
@@ -309,12 +308,13 @@ def _pixel_side(cloud: SlopeCloud, points: Array, tops: int) -> float:
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
 
 
-def _chance_discs(raster: Raster, to_point: Field, at: Array, times: float) -> Field:
-    """(nx, ny) pixels: the radius of the widest disc without points that chance may explain."""
+def _chance_discs(raster: Raster, to_point: Field, at: Array, times: float) -> tuple[Field, Field]:
+    """(nx, ny) pixels: the radius of the widest disc without points that covers each pixel, and of
+    the widest that chance may explain."""
     pixel = raster.pixel
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
     radius = chance_radius(widest * np.float32(pixel), at, pixel, NARROWEST_M, WIDEST_M)
-    return np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
+    return widest, np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
 
 
 def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
@@ -353,7 +353,7 @@ def _layer_heights(
     if not kept.any():
         kept = plain if plain.any() else np.ones(len(at), np.bool_)
     low = float(heights[kept].mean())
-    side = HEIGHT_WINDOW_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
+    side = TILE_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
     off, own = heights[kept] - low, cell[kept]
     count, total = (raster.sums(own, off**power, side) for power in range(2))
     held = count > 0.5

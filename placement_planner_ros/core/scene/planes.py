@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
@@ -24,30 +25,21 @@ MOST_SLOPES = 4
 UNOWNED, STEEP = -1, -2
 """Of what lies in none of the planes; of what lies in one that is too steep."""
 
-_AROUND = 0.3
-"""m around V in which planes are sought, in x and y, ..."""
-_BESIDE = 0.1
-"""... and below and above it."""
 _STEEPEST = 0.36
 """Slope of the steepest planes that are sought; 20 degrees."""
 _REACH = 3
 """Columns around a box whose tops show how the surface slopes there."""
 _FEWEST = 16
 """Boxes of the smallest plane."""
-_NARROWEST = 1.0
-"""Cells, the standard deviation of where its boxes lie across the narrowest plane: four columns."""
-_ON_PLANE = 0.001
-"""m from a plane at most of what belongs to it, in a clean cloud."""
+_SHEET = 0.001
+"""m that a sheet counts as thick: a wall goes on in the cell above. What is no further from a
+plane, in a clean cloud, is of it."""
 _ALIKE = 0.0017
 """Slopes that differ by no more are one, so `max_slope` is kept to that: 0.5 mm over 0.3 m."""
-_SURE = 3.0
-"""Standard deviations beyond which noise does not explain a slope."""
 _TOGETHER = 9.0
 """Neighbouring boxes whose heights err alike, since points were projected onto common planes."""
 _LEFT = 0.35
 """Share of the noise that heights of boxes are off by together, after points were projected."""
-_SHEET = 0.001
-"""m that a sheet counts as thick: a wall goes on in the cell above."""
 MAX_TILT = 0.06
 """Slope against its plane from which on what goes on so on both sides is not of it."""
 LEVEL_BESIDE = 2
@@ -85,7 +77,8 @@ class Plane:
         """
         off = np.subtract(self.slope, slope)
         effect = float(off @ self.spread @ off)  # m², variance of the heights it makes
-        explained = (_SURE * self.scatter) ** 2 * _TOGETHER / self.boxes
+        # three standard deviations
+        explained = (3.0 * self.scatter) ** 2 * _TOGETHER / self.boxes
         return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
 
     def passes(self, volume: TargetVolume, beside: float) -> bool:
@@ -232,19 +225,20 @@ def _find_planes(
     which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
     means = _top_means(obstacles.points, obstacles.first_point, tolerance)
-    around = np.array([_AROUND, _AROUND, _BESIDE])
+    around = np.array([AROUND_M, AROUND_M, CLEAR_M])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
     free = free_tops(obstacles.arrays, headroom, tolerance)
     used = np.asarray(near & free)
-    fits = _local_fits(obstacles.arrays, means, used, max(_ON_PLANE, tolerance))
+    fits = _local_fits(obstacles.arrays, means, used, max(_SHEET, tolerance))
     order = np.argsort(fits[:, 3], kind="stable")
     order = order[np.isfinite(fits[order, 3])]
     label, moments = _grow_planes(
-        obstacles.arrays, means, used, fits, order, max(_ON_PLANE, tolerance)
+        obstacles.arrays, means, used, fits, order, max(_SHEET, tolerance)
     )
     least = _LEFT * obstacles.noise
     found = [_plane_of(row, obstacles.cell_size, least) for row in moments]
-    narrow = (_NARROWEST * obstacles.cell_size) ** 2
+    # a standard deviation of one cell across it: four columns at least
+    narrow = obstacles.cell_size**2
     wide = np.array([float(np.linalg.eigvalsh(each.spread)[0]) >= narrow for each in found], bool)
     number = np.append(np.where(wide, wide.cumsum() - 1, -1), -1)  # the last stands for none
     return (

@@ -32,7 +32,8 @@ Rows = npt.NDArray[np.int64]
 NEAR_CONTAINED = 0.05
 """Pixels by which a disc may reach beyond a neighbour's and still be left out beside it."""
 TILE_M = 0.03
-"""m, side of the tiles whose spacing is judged, each with the eight around it."""
+"""m, side of the tiles whose spacing is judged, each with the eight around it, and of the squares
+over which heights of noisy points are averaged."""
 GROWTH = 1.25
 """By this factor the radius grows from one look to the next that the closed area is compared at."""
 WIDEST = 1.6

@@ -12,15 +12,13 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layer
-from placement_planner_ros.core.scene.rasters import Field, Index
+from placement_planner_ros.core.scene.rasters import TILE_M, Field, Index
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
 MOST_HEIGHTS = 64
 """Heights at most at which surface is looked for."""
 FEWEST_TOPS = 3
 """Pieces of surface as large as a cell that the surfaces at one height have, at least."""
-BEND_M = 0.03
-"""m between places whose heights, of noisy points, share none of these."""
 NOT_MADE, EMPTY = -1, -2
 """In place of a layer's number."""
 
@@ -242,11 +240,18 @@ class SupportMap:
                 return np.asarray(found)
             self._make(missing, tolerance)
 
+    @property
+    def sparse(self) -> float:
+        """`Layer.sparse` of the largest layer that there is by now; 0 without any."""
+        layers = [layer for layers in self._layers.values() for layer in layers]
+        return max(layers, key=lambda layer: layer.surface.size).sparse if layers else 0.0
+
     @cached_property
     def height_noise(self) -> float:
         """m by which noise makes heights differ, those of the points at most.
 
-        From how heights differ from the middle between two to either side that share no points.
+        From how heights differ from the middle between two to either side, so far away that they
+        share no points.
         """
         largest = max(
             (layer for layers in self._layers.values() for layer in layers),
@@ -257,7 +262,7 @@ class SupportMap:
             return self.noise
         held = (largest.inside > 0.0) & np.isfinite(largest.surface)
         known = np.where(held, largest.surface, np.nan)
-        lag = round(BEND_M / largest.pixel)
+        lag = round(TILE_M / largest.pixel)
         bends = [
             np.abs(along[lag:-lag] - 0.5 * (along[: -2 * lag] + along[2 * lag :])).ravel()
             for along in (known, known.T)

@@ -4,8 +4,8 @@ Every measured point shows that the line from its sensor to it is free. A cell t
 crosses, and that holds no measured point, has not been seen. It is *unknown* if something measured
 hides it from a sensor (the shadow of clutter, the inside of things, the space under a table), or if
 it lies in V, where nothing is taken on trust. Elsewhere, outside every field of view and further
-than `AROUND_M` from V, unseen space is taken to be free: that is where the arm mostly starts and
-moves.
+from V than things count for clearance, unseen space is taken to be free: that is where the arm
+mostly starts and moves.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.thinning import thinned
+from placement_planner_ros.core.scene.clearance import CAP
+from placement_planner_ros.core.scene.cloud import thinned
+from placement_planner_ros.core.scene.grid import ROUNDING, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
 Cells = npt.NDArray[np.int32]
@@ -31,8 +32,6 @@ Mask = npt.NDArray[np.bool_]
 OutsideRobot = Callable[[Array, float], Mask]
 """Which of (n, 3) points are further than a distance, metres, from the robot and what it holds."""
 
-AROUND_M = 0.5
-"""m around V in which it is known what was seen: as far as things count for clearance."""
 CEILING_M = 0.3
 """m above V in which a ceiling would matter: about what a hand takes above the object."""
 UNSEEN, FREE, OCCUPIED = 0, 1, 2
@@ -46,8 +45,6 @@ _BINS = 128
 less than 1° each."""
 _BLOCK = 8
 """Edge of the blocks of cells that are looked at one by one only where the robot is near."""
-_ROUNDING = 1e-6
-"""Cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,16 +115,16 @@ class SeenSpace:
         lower: Array,
         upper: Array,
     ) -> SeenSpace:
-        """The space no further than `AROUND_M` from V.
+        """The space no further than things count for clearance from V.
 
         Args:
             lower, upper: (3,) corners of all space that anything gets to.
         """
         size = measured.cell_size
-        low = np.maximum(volume.lower - AROUND_M, lower)
-        high = np.minimum(volume.upper + AROUND_M, upper)
-        first = np.floor((low - measured.origin) / size + _ROUNDING)
-        sides = np.floor((high - measured.origin) / size + _ROUNDING) - first + 1.0
+        low = np.maximum(volume.lower - CAP, lower)
+        high = np.minimum(volume.upper + CAP, upper)
+        first = np.floor((low - measured.origin) / size + ROUNDING)
+        sides = np.floor((high - measured.origin) / size + ROUNDING) - first + 1.0
         shape = (int(sides[0]), int(sides[1]), int(sides[2]))
         goes_on = np.stack([low > lower, high < upper], axis=1)
         origin = frozen_array(measured.origin + first * size)
@@ -208,13 +205,18 @@ class SeenSpace:
         size = self.measured.cell_size
         unknown = self._in_volume()
         for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
-            _add_hidden(nearest, view.origin, self.origin, size, self.state, unknown)
+            # plane by plane, which takes less room
+            for i, cells in enumerate(self.state):
+                rows = np.argwhere((cells == UNSEEN) & ~unknown[i])
+                at = np.column_stack([np.full(len(rows), i), rows])
+                behind = _behind(self.origin + (at + 0.5) * size, nearest, view.origin)
+                unknown[i][tuple(rows[behind].T)] = True
         if below_measured:
             highest = np.max(self.measured.cells[:, 2], initial=-1) + self._shift[2]
             unknown[:, :, max(int(highest) + 1, 0) :] = False
         if outside_robot is not None:
             self._clear_robot(unknown, outside_robot)
-        return np.asarray(_surface(unknown, self.goes_on))
+        return _surface_cells(unknown, self.goes_on)
 
     def with_unknown(self, cells: Cells) -> ObstacleSet:
         """The obstacle set with these cells (k, 3) as obstacles on which nothing stands.
@@ -424,7 +426,8 @@ def _nearest(points: Array, sensor: Array) -> Array:
 
 @kernel(nogil=True)
 def _behind(points: Array, nearest: Array, sensor: Array) -> Mask:
-    """(n,) which points (n, 3) lie behind something as seen by a sensor; see `_add_hidden`."""
+    """(n,) which points (n, 3) lie behind something as seen by a sensor: behind the nearest point
+    in the bin of directions that they lie in."""
     found = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
@@ -432,57 +435,13 @@ def _behind(points: Array, nearest: Array, sensor: Array) -> Mask:
     return found
 
 
-@kernel(nogil=True)
-def _add_hidden(
-    nearest: Array, sensor: Array, origin: Array, size: float, state: Flags, unknown: Mask
-) -> None:
-    """Set unseen cells whose centres lie behind something as seen by a sensor.
-
-    Something: the nearest point in the bin of directions that the centre lies in.
-    """
-    nx, ny, nz = state.shape
-    closest = np.inf
-    for square in nearest:
-        closest = min(closest, square)
-    for i in range(nx):
-        x = origin[0] + (i + 0.5) * size - sensor[0]
-        for j in range(ny):
-            y = origin[1] + (j + 0.5) * size - sensor[1]
-            for k in range(nz):
-                if state[i, j, k] != UNSEEN or unknown[i, j, k]:
-                    continue
-                z = origin[2] + (k + 0.5) * size - sensor[2]
-                square = x * x + y * y + z * z
-                if square > closest and square > nearest[_bin(x, y, z)]:
-                    unknown[i, j, k] = True
-
-
-@kernel(lean=True)
-def _begins(unknown: Mask, goes_on: Mask, i: int, j: int, k: int) -> bool:
-    """Whether one of the six cells beside a set cell is not set, or is space further away."""
-    nx, ny, nz = unknown.shape
-    return bool(
-        (goes_on[2, 0] if k == 0 else not unknown[i, j, k - 1])
-        or (goes_on[2, 1] if k + 1 == nz else not unknown[i, j, k + 1])
-        or (goes_on[1, 0] if j == 0 else not unknown[i, j - 1, k])
-        or (goes_on[1, 1] if j + 1 == ny else not unknown[i, j + 1, k])
-        or (goes_on[0, 0] if i == 0 else not unknown[i - 1, j, k])
-        or (goes_on[0, 1] if i + 1 == nx else not unknown[i + 1, j, k])
-    )
-
-
-@kernel(nogil=True)
-def _surface(unknown: Mask, goes_on: Mask) -> Cells:
-    """(k, 3) set cells with a face towards one that is not set."""
-    nx, ny, nz = unknown.shape
-    cells = np.empty((1 << 16, 3), np.int32)
-    count = 0
-    for i in range(nx):
-        for j in range(ny):
-            for k in range(nz):
-                if unknown[i, j, k] and _begins(unknown, goes_on, i, j, k):
-                    if count == len(cells):
-                        cells = np.concatenate((cells, np.empty_like(cells)))
-                    cells[count, 0], cells[count, 1], cells[count, 2] = i, j, k
-                    count += 1
-    return cells[:count].copy()
+def _surface_cells(unknown: Mask, goes_on: Mask) -> Cells:
+    """(k, 3) set cells with a face towards one that is not set, or towards space further away."""
+    enclosed = unknown.copy()
+    for axis in range(3):
+        along, inner = np.moveaxis(unknown, axis, 0), np.moveaxis(enclosed, axis, 0)
+        inner[1:] &= along[:-1]
+        inner[:-1] &= along[1:]
+        for end in range(2):
+            inner[-end] &= not goes_on[axis, end]
+    return np.argwhere(unknown & ~enclosed).astype(np.int32)

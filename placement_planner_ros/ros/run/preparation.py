@@ -20,8 +20,8 @@ from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.core.warmup.known_robot import known_robot

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_planner_ros.core.scene.cloud import thinned
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.thinning import thinned
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.run.snapshot import Snapshot

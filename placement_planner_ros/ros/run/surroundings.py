@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
-from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
@@ -32,6 +32,8 @@ _MAKE_POINTS = ("contact_tolerance", "target_volume", "cloud.cell_size", "max_sl
 """Parameters on which an environment depends ..."""
 _MAKE_HANDS = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
 """... and those on which what the robot hides does."""
+_SPARSE_SHARE = 0.2
+"""Share of a surface that is worth a word when it is lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -312,9 +314,9 @@ def require_grid(snapshot: Snapshot) -> None:
 
 
 def environment_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
-    """Which clouds contradict each other, and what to tell of `unknown_space`: how much of V was
-    seen, or that nobody can tell; and where V lies below a ceiling that nobody saw, what to do
-    about it.
+    """Which clouds contradict each other, whether they are too sparse, and what to tell of
+    `unknown_space`: how much of V was seen, or that nobody can tell; and where V lies below a
+    ceiling that nobody saw, what to do about it.
 
     Args:
         environment: the run's; None where it is yet to be made.
@@ -324,6 +326,13 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
         "that is more than contact_tolerance and noise: calibrate the cameras"
         for each in (() if environment is None else environment.disagreements)
     ]
+    if environment is not None and environment.sparse > _SPARSE_SHARE:
+        notes.append(
+            f"points are so far apart that {environment.sparse:.0%} of the largest surface in "
+            "target_volume is not used: holes may lie between them, and no line of sight tells "
+            "that there are none; give denser clouds, or publish organised ones in their optical "
+            "frame, or name their frame in sensor_frames"
+        )
     asked = snapshot.parameters["unknown_space"]
     if asked == "free" and environment is not None and environment.has_unseen_ceiling:
         notes.append(

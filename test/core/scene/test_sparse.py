@@ -1,5 +1,7 @@
 """Clouds whose points are a cell apart: what they carry where rays tell, and where none do."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,12 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.ros.run.surroundings import environment_notes
 
 VOLUME = TargetVolume([-0.2, -0.2, -0.05], [0.2, 0.2, 0.05])
 NOISE = 0.0005
 CORNERS = np.array([(x, y, 0.0) for x in (-0.04, 0.04) for y in (-0.04, 0.04)])
+SNAPSHOT = SimpleNamespace(parameters={"unknown_space": "free"}, parts=())
 TOLERANCE, MARGIN = 0.003, 0.003
 SENSOR = np.array([0.05, -0.1, 1.0])
 FLOOR = np.tile([1.5, 0.0, -0.7], (12, 1))
@@ -69,6 +73,24 @@ def test_a_grating_is_no_floor(width, pitch, leaf, sensor):
 
     for seed in range(3):
         assert carried(voxel_filtered(bars, leaf, seed), sensor) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("leaf", "sensor", "sparse"),
+    [(0.003, None, False), (0.008, None, True), (0.008, SENSOR, False)],
+)
+def test_a_surface_that_is_lost_for_its_sparse_points_is_told(leaf, sensor, sparse):
+    points = voxel_filtered(table, leaf)
+    sights = () if sensor is None else [View(np.vstack([points, FLOOR]), sensor)]
+    environment = Environment.from_points(points, VOLUME, sights=sights)
+    told = environment_notes(SNAPSHOT, environment)
+    assert (environment.sparse > 0.5) == sparse
+    assert any("so far apart" in note for note in told) == sparse
+
+
+def test_of_a_dense_grating_nothing_is_lost_for_sparse_points():
+    points = voxel_filtered(lambda x, y: np.where((y + 0.3) % 0.015 < 0.005, 0.0, -0.03), 0.002)
+    assert Environment.from_points(points, VOLUME).sparse < 0.1
 
 
 def ribs(x, y):

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from placement_planner_ros.core.scene.thinning import CELL_POINTS, DENSE_POINTS, thinned
+from placement_planner_ros.core.scene.cloud import CELL_POINTS, DENSE_POINTS, thinned
 
 SIZE = 0.01
 
