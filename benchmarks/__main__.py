@@ -12,6 +12,7 @@ from benchmarks.real_clouds.command import add_clouds_command
 from benchmarks.robots.command import add_robots_command
 from benchmarks.situations.command import add_situations_command
 from benchmarks.speed.command import add_speed_command
+from benchmarks.worlds.command import add_worlds_command
 from placement_planner_ros.core.errors import PlacementPlannerError
 
 
@@ -25,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_situations_command(commands)
     add_clouds_command(commands)
     add_concepts_command(commands)
+    add_worlds_command(commands)
     parsed = parser.parse_args(arguments)
     try:
         return int(parsed.command_function(parsed))
