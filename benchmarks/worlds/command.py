@@ -132,7 +132,7 @@ def _searched(snapshot: Snapshot, job: WorldJob) -> tuple[Found, str, list[str]]
 
 def _searched_in_truth(world: World, job: WorldJob) -> Found:
     """In a cloud of all surfaces, by the description of the checker."""
-    parts = seen_parts(world.scene, [], _generator(job), cameras=False)
+    parts = seen_parts(world.scene, [], _generator(job))
     plain = replace(world, parts=parts, urdf=world.true_urdf, joint_limits="")
     return _searched(plain.snapshot(job.seed), job)[0]
 

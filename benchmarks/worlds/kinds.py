@@ -10,6 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.worlds.world import (
+    AROUND,
+    BESIDES,
     GREY,
     World,
     distance,
@@ -53,7 +55,7 @@ def beside(rng: np.random.Generator) -> World:
     else:
         told, extra = urdf, _thing_beside(rng, where, moving)
         scene = Scene(scene.name, scene.volume, (*scene.parts, extra))
-    parts = seen_parts(scene, moving, rng, cameras=bool(rng.random() < 0.5))
+    parts = seen_parts(scene, moving, rng, AROUND if rng.random() < 0.5 else ())
     return World("beside", scene.name, scene, thing, arm, grasp, parts, told, urdf)
 
 
@@ -98,7 +100,7 @@ def limits(rng: np.random.Generator) -> World:
             ]
     scene = some_scene(rng, f"limits_{how}")
     moving = [*robot_solids(robot, q), *held_solids(robot, q, thing, arm, grasp)]
-    parts = seen_parts(scene, moving, rng, cameras=False)
+    parts = seen_parts(scene, moving, rng)
     texts = [_with_version(ElementTree.tostring(root, "unicode"), how) for root in (told, true)]
     file = "\n".join(lines) if how == "moveit" else ""
     return World(
@@ -121,7 +123,7 @@ def quaternions(rng: np.random.Generator) -> World:
     told = _with_version(ElementTree.tostring(root, "unicode"), "1.1")
     scene = some_scene(rng, "quaternions")
     moving = [*robot_solids(robot, q), *held_solids(robot, q, thing, arm, grasp)]
-    parts = seen_parts(scene, moving, rng, cameras=False)
+    parts = seen_parts(scene, moving, rng)
     return World("quaternions", scene.name, scene, thing, arm, grasp, parts, told, yumi_urdf())
 
 
@@ -138,7 +140,7 @@ def cameras(rng: np.random.Generator) -> World:
         shift = _OFF_M * way / np.linalg.norm(way)
     scene = some_scene(rng, "cameras_" + ("ordinary" if ordinary else "off"))
     moving = [*robot_solids(robot, q), *held_solids(robot, q, thing, arm, grasp)]
-    parts = seen_parts(scene, moving, rng, cameras=True, shift=shift)
+    parts = seen_parts(scene, moving, rng, BESIDES, shift)
     urdf = yumi_urdf()
     words = "cameras", scene.name, scene, thing, arm, grasp, parts, urdf, urdf
     return World(*words, must_place=ordinary)

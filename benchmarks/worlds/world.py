@@ -20,7 +20,12 @@ from placement_planner_ros.ros.inputs.joint_limits_file import parse_joint_limit
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.scenes.clouds import CameraNoise, camera_clouds, complete_cloud
+from placement_planner_ros.scenes.clouds import (
+    CameraNoise,
+    DepthCamera,
+    camera_clouds,
+    complete_cloud,
+)
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import (
     Colour,
@@ -35,6 +40,11 @@ from placement_planner_ros.share import PACKAGE, share_path
 
 GREY: Colour = (0.6, 0.6, 0.6)
 _TABLE = (0.139, -0.426, -0.04), (0.695, 0.474, 0.0)
+BESIDES = ((0.3, 1.1, 0.9), (0.3, -1.1, 0.9))
+"""Eyes of cameras left and right of the table, m ..."""
+AROUND = (*BESIDES, (1.2, 0.0, 1.0))
+"""... and of one more, across from the robot."""
+_LOOKED_AT = (0.35, 0.0, 0.15)
 _NOISE_M = 0.0005
 """Of points that no camera took."""
 
@@ -171,23 +181,25 @@ def seen_parts(
     scene: Scene,
     moving: Sequence[ConvexPrimitive],
     rng: np.random.Generator,
-    cameras: bool,
+    eyes: Sequence[tuple[float, float, float]] = (),
     shift: Array | None = None,
 ) -> tuple[PointSet, ...]:
-    """What two cameras see of the scene and of what moves, or all of their surfaces.
+    """What cameras see of the scene and of what moves, or all of their surfaces.
 
     Args:
         moving: robot and object.
-        cameras: whether there are cameras; their noise is 1 to 2 mm.
+        eyes: places of cameras, whose noise is 1 to 2 mm; none for all of the surfaces.
         shift: (3,) by which the second camera is thought to be elsewhere, metres.
     """
-    if not cameras:
+    if not eyes:
         solids = Scene(scene.name, scene.volume, (*scene.parts, *moving))
         points = complete_cloud(solids)
         return (PointSet(points + rng.normal(0.0, _NOISE_M, points.shape)),)
     noise = CameraNoise(range_deviation=float(rng.uniform(0.001, 0.002)))
     parts = []
-    for number, cloud in enumerate(camera_clouds(scene, rng, extra=moving, noise=noise)):
+    cameras = [DepthCamera.looking_at(f"camera_{k}", eye, _LOOKED_AT) for k, eye in enumerate(eyes)]
+    clouds = camera_clouds(scene, rng, extra=moving, cameras=cameras, noise=noise)
+    for number, cloud in enumerate(clouds):
         off = np.zeros(3) if shift is None or number == 0 else shift
         origin = cloud.camera.T_world_camera.translation + off
         points = cloud.world_points() + off

@@ -40,7 +40,8 @@ class Disagreement:
     Attributes:
         first, second: the names of the clouds.
         height: by how much the second is above the first, metres; the median over the patches.
-        points: (k, 3) of both, where nothing is to be put down.
+        points: (k, 3) of both, where nothing is to be put down: all of them where most of what both
+            see differs so, as what one of them alone sees is off then, too.
     """
 
     first: str
@@ -125,7 +126,9 @@ def disagreements(
             if not apart.any() or not (together or apart.mean() > 0.5):
                 continue
             deep = apart & (np.abs(higher) > max(tolerance, _GAP_M) + doubt)
-            where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
+            where = [clouds[i], clouds[j]]
+            if deep.mean() <= 0.5:  # else also what one of them alone sees is off
+                where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
             height = float(np.median(higher[apart]))
             found.append(Disagreement(names[i], names[j], height, np.vstack(where)))
     return found

@@ -52,13 +52,24 @@ def test_what_was_put_down_between_two_clouds_is_no_contradiction():
     assert told(table(0.0, 0), after)
 
 
-def test_nothing_is_put_down_where_they_contradict_and_elsewhere_it_is():
-    first, second = table(0.0, 0), table(0.012, 1, low=(0.5, -0.3))
-    found = told(first, second)
+def barred_in(first, second):
+    """Which cells of both nothing is put down on, and their middles (n, 3)."""
     volume = TargetVolume(np.array([0.2, -0.3, -0.1]), np.array([0.8, 0.3, 0.2]))
     made = Environment.from_points(np.vstack([first, second]), volume)
-    barred = made.with_disagreements(found).obstacles.barred
-    middle = (made.obstacles.lower + made.obstacles.upper) / 2
-    both = (middle[:, 0] > 0.52) & (np.abs(middle[:, 2]) < 0.05)
+    barred = made.with_disagreements(told(first, second)).obstacles.barred
+    return barred, (made.obstacles.lower + made.obstacles.upper) / 2
+
+
+def test_nothing_is_put_down_where_a_part_contradicts_and_elsewhere_it_is():
+    raised = table(0.012, 1, low=(0.6, -0.3))
+    second = np.vstack([table(0.0, 2, high=(0.6, 0.3)), raised])
+    barred, middle = barred_in(table(0.0, 0), second)
+    both = (middle[:, 0] > 0.62) & (np.abs(middle[:, 2]) < 0.05)
     assert barred[both].mean() > 0.97
-    assert not barred[middle[:, 0] < 0.48].any()
+    assert not barred[middle[:, 0] < 0.58].any()
+
+
+def test_a_camera_that_is_off_is_off_where_it_alone_sees_too():
+    first, second = table(0.0, 0, high=(0.6, 0.3)), table(-0.015, 1, low=(0.4, -0.3))
+    barred, middle = barred_in(first, second)
+    assert barred[np.abs(middle[:, 2]) < 0.05].mean() > 0.97
