@@ -277,7 +277,7 @@ class PlacementPlanner:
         )
         self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")
-        self._bounds = BranchBounds(poses, self.holdings.values())
+        self._bounds = BranchBounds(poses, self.holdings.values(), hierarchy.sets, objective)
         self._remainder = Remainder(hierarchy, self._bounds)
         step("making the sampler")
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
@@ -336,6 +336,8 @@ class PlacementPlanner:
             if best == -np.inf and self.statistics.samples >= explain_at:
                 explain_at = 2 * self.statistics.samples
                 self.explain()
+            if best > -np.inf:
+                self._narrow(best)
             if self.motion.goals == 0:
                 if best == -np.inf and self._remainder.empty():
                     self.cause = self._remainder.cause
@@ -351,6 +353,14 @@ class PlacementPlanner:
                 self.statistics.best = best
                 self.statistics.solutions += 1
                 yield placement
+
+    def _narrow(self, best: float) -> None:
+        """Look closer at where something better may be; the end where that is nowhere."""
+        smallest = self._settings.min_improvement
+        self._remainder.narrow(best + smallest, self.statistics.samples)
+        self.statistics.gap = self._remainder.gap(best, smallest)
+        if self.statistics.gap == smallest and self.motion.goals == 0:
+            self.exhausted = f"no placement can be better by more than {smallest:g}"
 
     def explain(self) -> Explanation:
         """Why nothing was found, or where something was, what refused most samples.
@@ -433,6 +443,7 @@ class PlacementPlanner:
             made.retreat,
             self._terms(goal),
             self._unseen(made, holding),
+            self._remainder.gap(goal.objective, self._settings.min_improvement),
         )
         return placement.turned(self._turned[goal.arm])
 

@@ -25,6 +25,8 @@ class Statistics:
         unreached: motions to goals that could not be certified once timed.
         solutions: placements published.
         best: ξ_best; -inf before the first.
+        gap: by how much ξ_best can be exceeded at most by placements on the placement regions,
+            whatever the arms reach; None where that is not known. It never rises.
     """
 
     count: SampleCount
@@ -35,11 +37,20 @@ class Statistics:
     unreached: int = 0
     solutions: int = 0
     best: float = float("-inf")
+    gap: float | None = None
 
     @property
     def samples(self) -> int:
         """Goal samples tried."""
         return self.count.samples
+
+    @property
+    def missed(self) -> tuple[int, float]:
+        """How many poses that are free, stand and are better than ξ_best were tried and not
+        reached, and the largest ξ of those; -inf where there are none."""
+        values = np.array(self.rejections.missed)
+        values = values[values > self.best]
+        return len(values), float(values.max(initial=-np.inf))
 
     @property
     def rejected(self) -> dict[str, int]:

@@ -280,6 +280,7 @@ class Placement:
         terms: names and values of what it is judged by and what is required of it.
         unseen: share of the way, of arm and object, through space in and around V that no sensor
             looked at; None where no sensor's place is known.
+        gap: ξ that can be had at most beyond this; None where that is not known.
     """
 
     goal: Goal
@@ -290,6 +291,7 @@ class Placement:
     retreat: Trajectory | None = None
     terms: tuple[tuple[str, float], ...] = ()
     unseen: float | None = None
+    gap: float | None = None
 
     def turned(self, by: Array) -> Placement:
         """The same with whole turns `by` (dof,), rad, more in continuous joints."""

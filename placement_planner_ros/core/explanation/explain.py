@@ -25,8 +25,6 @@ from placement_planner_ros.core.explanation.surfaces import (
     too_steep,
     why_no_region,
 )
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.search.cell_layout import whole_cells
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.core.wishes.turns import Turns
@@ -160,7 +158,7 @@ def _ruling_remedies(search: Search, ruling: Ruling) -> list[Remedy]:
 
 def _out_of_reach(search: Search) -> dict[str, float]:
     """By arm, the m by which it is proven to fall short of every pose; 0 where it is not."""
-    beyond = search.bounds.beyond_reach(whole_cells(search.hierarchy)).min(axis=0)
+    beyond = search.bounds.beyond_reach(search.hierarchy.sets.cells).min(axis=0)
     least: dict[str, float] = {}
     for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):
         least[holding.arm.name] = min(gap, least.get(holding.arm.name, gap))
@@ -170,7 +168,7 @@ def _out_of_reach(search: Search) -> dict[str, float]:
 def _required_in_words(search: Search) -> str:
     """Required terms that no pose reaches, with what is asked and what is proven to be most."""
     bound = search.bounds.required
-    most = bound.most(PlacedCells(whole_cells(search.hierarchy)))
+    most = bound.most(search.bounds.ranges(search.hierarchy.sets.cells))
     low = [
         f"{name} {bound.at_least[name]:g} is asked, {float(values.max()):.3g} is the most"
         for name, values in most.items()

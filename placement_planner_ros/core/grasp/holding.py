@@ -140,7 +140,6 @@ class Holding:
         T_world_object: pin.SE3,
         seeds: int,
         rng: np.random.Generator,
-        hand_first: bool = True,
     ) -> Array | Verdict:
         """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
 
@@ -149,8 +148,6 @@ class Holding:
 
         Args:
             seeds: starts of the inverse kinematics beside q_0.
-            hand_first: give up where the hand collides at x, before it is known whether the arm
-                reaches x at all.
 
         Returns:
             k >= 1 configurations, or the verdict that names why there are none.
@@ -159,9 +156,7 @@ class Holding:
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
-        if hand_first and self.collision.hand_collides(
-            T_world_tip, _HAND_SLACK_M, self._reserve, contact=True
-        ):
+        if self.collision.hand_collides(T_world_tip, _HAND_SLACK_M, self._reserve, contact=True):
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]

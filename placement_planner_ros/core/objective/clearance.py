@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
+from placement_planner_ros.core.scene.clearance import ClearanceField, most_change
 from placement_planner_ros.core.types import Array, upright
 
 
@@ -20,48 +21,96 @@ class Clearance:
         sign: +1 maximises clearance, -1 minimises it.
     """
 
+    bounded = True
+
     def __init__(self, context: ObjectiveContext, sign: float) -> None:
-        self._field = context.environment.clearance
+        self._environment = context.environment
         self._inclines = context.environment.inclines
         self._normals = np.array([upright(each.slope)[:, 2] for each in self._inclines])
         self._faces = np.array([face.normal for face in context.body.faces]).reshape(-1, 3)
         self._points = context.body.volume_points
         self._some_points = thinned_points(self._points)
         self._sign = sign
+        self._envelopes: dict[tuple[int, float], ClearanceField] = {}
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """±C(x), metres."""
-        values, _ = self._clearance(T_world_object.homogeneous[None], self._points, False)
+        values, _ = self._clearance(T_world_object.homogeneous[None], self._points)
         return self._sign * float(values[0])
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) ±C of the (n, 4, 4) poses, metres."""
-        values, _ = self._clearance(T_world_object, self._points, False)
+        values, _ = self._clearance(T_world_object, self._points)
         return self._sign * values
 
     def estimates(self, T_world_object: Array) -> Array:
         """(n,) ±C over a few hundred of B_o, metres."""
-        values, _ = self._clearance(T_world_object, self._some_points, False)
+        values, _ = self._clearance(T_world_object, self._some_points)
         return self._sign * values
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """±∂C/∂(x, y, e_z)."""
-        _, gradients = self._clearance(T_world_object.homogeneous[None], self._points, True)
+        T = T_world_object.homogeneous[None]
+        _, gradients = self._clearance(T, self._points, slopes=True)
         return np.asarray(self._sign * gradients[0])
 
-    def _clearance(self, T: Array, points: Array, slopes: bool) -> tuple[Array, Array]:
+    def most_around(self, ranges: PoseRanges) -> Array:
+        """(n,) what ±C does not exceed at any pose of each range, metres."""
+        return self._most(ranges, self._sign)
+
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) what C is not below and (n,) not above at any pose of each range, metres."""
+        return -self._most(ranges, -1.0), self._most(ranges, 1.0)
+
+    def _most(self, ranges: PoseRanges, sign: float) -> Array:
+        """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
+        mean changes by no more than its points move."""
+        values, _ = self._clearance(ranges.T, self._points, sign=sign)
+        moved = ranges.shift + ranges.chord * self._radii(ranges)
+        pixel = max(field.pixel for field in self._fields)
+        most = sign * values + most_change(moved, pixel)
+        return np.minimum(most, self._environment.clearance.cap if sign > 0.0 else 0.0)
+
+    def _radii(self, ranges: PoseRanges) -> Array:
+        """(n,) m, root mean square distance of B_o from the axis of each range."""
+        # Moments of B_o about the pivot: |q|² less the part along the axis.
+        mean = self._points.mean(axis=0) if len(self._points) else np.zeros(3)
+        second = self._points.T @ self._points / max(len(self._points), 1)
+        R, off = ranges.T[:, :3, :3], ranges.T[:, :3, 3] - ranges.pivot
+        mean = R @ mean
+        along = (R.transpose(0, 2, 1) @ ranges.axis[..., None])[..., 0]
+        off_along = (ranges.axis * off).sum(axis=1)
+        square = np.trace(second) + 2.0 * (mean * off).sum(axis=1) + (off * off).sum(axis=1)
+        square -= ((along @ second) * along).sum(axis=1)
+        square -= 2.0 * off_along * (ranges.axis * mean).sum(axis=1) + off_along**2
+        return np.sqrt(np.maximum(square, 0.0))
+
+    @property
+    def _fields(self) -> list[ClearanceField]:
+        """That of level ground, then that of each incline."""
+        return [self._environment.clearance, *(each.clearance for each in self._inclines)]
+
+    def _field(self, k: int, sign: float) -> ClearanceField:
+        """One of them; where there is a sign, what sign · d_S is nowhere above."""
+        if sign and (k, sign) not in self._envelopes:
+            self._envelopes[k, sign] = self._fields[k].envelope(sign)
+        return self._envelopes[k, sign] if sign else self._fields[k]
+
+    def _clearance(
+        self, T: Array, points: Array, slopes: bool = False, sign: float = 0.0
+    ) -> tuple[Array, Array]:
         """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
-        stands on."""
+        stands on; with a sign, what sign · C is not above."""
         if not self._inclines:
-            return self._field.mean_clearance_batch(T, points, slopes)
+            return self._field(0, sign).mean_clearance_batch(T, points, slopes)
         stands_on = self._stands_on(T)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         # Poses on one incline are looked up in its field, with its slope taken out.
         for k in np.unique(stands_on):
-            rows, field, poses = stands_on == k, self._field, T
-            if k > 0:
-                field, poses = self._inclines[k - 1].clearance, self._inclines[k - 1].sheared(T)
-            values[rows], gradients[rows] = field.mean_clearance_batch(poses[rows], points, slopes)
+            rows = stands_on == k
+            poses = self._inclines[k - 1].sheared(T[rows]) if k > 0 else T[rows]
+            field = self._field(int(k), sign)
+            values[rows], gradients[rows] = field.mean_clearance_batch(poses, points, slopes)
         return values, gradients
 
     def _stands_on(self, T: Array) -> npt.NDArray[np.int64]:

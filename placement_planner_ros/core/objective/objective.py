@@ -55,6 +55,49 @@ class BoundedObjective(BatchObjective, Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseRanges:
+    """n ranges of poses, each around a middle one: within the plane that the object stands on.
+
+    Attributes:
+        T: (n, 4, 4) the middles, T_world_object.
+        pivot: (n, 3) points of the plane, fixed to the object, about which it turns.
+        axis: (n, 3) normals of the planes.
+        shift: (n,) how far the pivot is from where it is in the middle at most, seen from above, m.
+        turn: (n,) by how much the object is turned from there at most, rad.
+        rise: (n,) how much higher or lower the pivot is at most, m.
+        away: (n,) how far the object's origin is from where it is in the middle at most, m.
+    """
+
+    T: Array
+    pivot: Array
+    axis: Array
+    shift: Array
+    turn: Array
+    rise: Array
+    away: Array
+
+    @property
+    def chord(self) -> Array:
+        """(n,) how far turning takes a point at distance 1 from the axis at most."""
+        return np.asarray(2.0 * np.sin(0.5 * np.minimum(self.turn, math.pi)))
+
+
+@runtime_checkable
+class SlowObjective(Objective, Protocol):
+    """An objective that is known to change little from a pose to those around it.
+
+    Attributes:
+        bounded: False: it may be anything for all that is known.
+    """
+
+    bounded: bool
+
+    def most_around(self, ranges: PoseRanges) -> Array:
+        """(n,) what it does not exceed at any pose of each range."""
+        ...
+
+
 @runtime_checkable
 class TermedObjective(Objective, Protocol):
     """An objective that is made of terms."""

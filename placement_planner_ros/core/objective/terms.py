@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
-from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
 from placement_planner_ros.core.objective.supporting_faces import (
     Index,
     SupportingFaces,
@@ -74,11 +74,16 @@ class BoundedTerm(Protocol):
 class SlowTerm(Protocol):
     """A term that is known to change little from a pose to those around it."""
 
-    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
-        """(n,) what it is at most at all poses that are reached from (n, 4, 4) within the planes
-        they stand on, with the origin no more than (n,) `away` from where it was, m, turned by no
-        more than (n,) `turn`, rad, and what it stands on no more than (n,) `rise` higher, m."""
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) what it is not below and (n,) not above at any pose of each range."""
         ...
+
+
+def term_ends(term: Term, ranges: PoseRanges) -> tuple[Array, Array]:
+    """(n,) what any term is not below and (n,) not above at any pose of each range."""
+    if isinstance(term, SlowTerm):
+        return term.around(ranges)
+    return np.full(len(ranges.T), term.ends[0]), np.full(len(ranges.T), term.ends[1])
 
 
 class ClearanceTerm(Clearance):
@@ -109,9 +114,10 @@ class Near:
         away = T_world_object[:, :3, 3] - self._target
         return np.asarray(-np.sqrt((away * away).sum(axis=1)))
 
-    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
-        """(n,) by the distance that is left."""
-        return np.minimum(self.values(T_world_object) + away, 0.0)
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) each, by the distance that is left."""
+        middle = self.values(ranges.T)
+        return middle - ranges.away, np.minimum(middle + ranges.away, 0.0)
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); nothing where it is there."""
@@ -140,9 +146,10 @@ class Turn:
         chord = np.sqrt((apart * apart).sum(axis=(1, 2)) / 8.0)
         return np.asarray(-2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
-    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
-        """(n,) by the angle that is left."""
-        return np.minimum(self.values(T_world_object) + turn, 0.0)
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) each, by the angle that is left."""
+        middle = self.values(ranges.T)
+        return middle - ranges.turn, np.minimum(middle + ranges.turn, 0.0)
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); only turning changes it."""
@@ -169,10 +176,11 @@ class High:
         up = (T_world_object[:, 2, :3] * middle).sum(axis=1)
         return np.asarray(up + T_world_object[:, 2, 3])
 
-    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
-        """(n,); what it stands on may be away from its reference point, too, on a slope."""
-        sloping = np.where(rise > 0.0, self._size, 0.0)
-        return self.values(T_world_object) + rise + sloping
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) each; what it stands on may be away from its reference point, too, on a slope."""
+        middle = self.values(ranges.T)
+        off = ranges.rise + np.where(ranges.rise > 0.0, self._size, 0.0)
+        return middle - off, middle + off
 
 
 class Stance:
@@ -234,10 +242,10 @@ class Stance:
         most = self._tips(face, self._hulls[face], T_world_object)
         return np.full(len(most), self.ends[0]), most
 
-    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
-        """(n,); on a slope it depends on the turn by how much gravity is aside."""
-        most = self.bounds(T_world_object)[1]
-        return np.where(rise > 0.0, self.ends[1], most)
+    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+        """(n,) each; on a slope it depends on the turn by how much gravity is aside."""
+        least, most = self.bounds(ranges.T)
+        return least, np.where(ranges.rise > 0.0, self.ends[1], most)
 
     def _tips(self, face: Index, edges: Array, T: Array) -> Array:
         """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""

@@ -16,6 +16,7 @@ from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
     Objective,
     ObjectiveContext,
+    PoseRanges,
     evaluate_batch,
     moved_pose,
     objective_gradient,
@@ -26,10 +27,12 @@ from placement_planner_ros.core.objective.terms import (
     ClearanceTerm,
     High,
     Near,
+    SlowTerm,
     SmoothTerm,
     Stance,
     Term,
     Turn,
+    term_ends,
 )
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
@@ -90,6 +93,20 @@ class _WeightedPart:
             return np.asarray(self.factor * self.term.bounds(T)[int(self.factor > 0.0)])
         return np.full(len(T), (self.factor * np.array(self.term.ends)).max())
 
+    @property
+    def bounded(self) -> bool:
+        """Whether it is known what it adds at most."""
+        ends = np.array(self.term.ends)
+        return (
+            isinstance(self.term, SlowTerm) or not self.factor or max(self.factor * ends) < np.inf
+        )
+
+    def most_around(self, ranges: PoseRanges) -> Array:
+        """(n,) what it adds at most at any pose of each range."""
+        if not self.factor:
+            return np.zeros(len(ranges.T))
+        return np.asarray(self.factor * term_ends(self.term, ranges)[int(self.factor > 0.0)])
+
     def estimated_most(self, T: Array) -> Array | None:
         """(n,) the same by its estimates; None where it has none."""
         if self._estimates is None:
@@ -116,6 +133,9 @@ class Weighted:
     Args:
         make: makes the term of a name.
 
+    Attributes:
+        bounded: whether it is known of all terms what they are at most.
+
     Raises:
         ParameterError: no term is named, or they do not fit together.
     """
@@ -136,6 +156,7 @@ class Weighted:
         self._cheap = [part for part in parts if not part.term.expensive]
         self._expensive = [part for part in parts if part.term.expensive]
         self._standing = SupportingFaces(context)
+        self.bounded = all(part.bounded for part in parts)
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """ξ(x)."""
@@ -178,6 +199,11 @@ class Weighted:
             if len(left):
                 most[k, left] = part.factor * part.term.values(T[left])
         return np.asarray(total + most.sum(axis=0))
+
+    def most_around(self, ranges: PoseRanges) -> Array:
+        """(n,) what ξ does not exceed at any pose of each range."""
+        parts = (*self._cheap, *self._expensive)
+        return np.asarray(sum(part.most_around(ranges) for part in parts))
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """∂ξ/∂(x, y, e_z), within the plane that the object stands on."""

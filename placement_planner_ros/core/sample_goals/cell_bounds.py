@@ -10,10 +10,12 @@ import numpy.typing as npt
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.required_bounds import RequiredBound
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
+from placement_planner_ros.core.search.cell_layout import PoseSets
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Array
 
@@ -21,6 +23,8 @@ Mask = npt.NDArray[np.bool_]
 
 _REACH_SLACK_M = 1e-3
 """m, more than inverse kinematics leaves open."""
+_ROUNDING = 1e-9
+"""More than arithmetic is off by, in units of ξ."""
 
 
 class _Reach:
@@ -56,35 +60,62 @@ class _Reach:
 
 
 class BranchBounds:
-    """`CellBounds` of one problem: reach, support and what is required.
+    """`CellBounds` of one problem: reach, support, what is required, and ξ.
 
     Args:
         poses: s(x) and what is required, of one problem.
         holdings: every arm with every grasp that may be used.
+        sets: what the cells are of.
+        objective: ξ.
 
     Attributes:
-        required: what of that is known of whole cells.
+        required: what of required terms is known of whole cells.
+        bounded: whether anything is known of ξ.
     """
 
     def __init__(
         self,
         poses: PoseConstraints,
         holdings: Iterable[Holding],
+        sets: PoseSets,
+        objective: Objective,
     ) -> None:
+        self._sets = sets
         self._reach = _Reach(poses.problem.body, holdings)
         self._support = SupportBound(poses)
+        self._objective = objective
+        faces = poses.problem.body.faces
+        self._T_face_object = np.array([f.T_face_object.homogeneous for f in faces])
         self.required = RequiredBound(poses)
+        self.bounded = isinstance(objective, SlowObjective) and objective.bounded
+
+    def placed(self, cells: Array) -> PlacedCells:
+        """Where cells (n, 7) put the body."""
+        return PlacedCells(self._sets, cells)
+
+    def ranges(self, cells: Array) -> PoseRanges:
+        """The poses of cells (n, 7)."""
+        return self.placed(cells).ranges(self._T_face_object)
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 10) cells."""
-        placed = PlacedCells(cells)
+        """(n,) `Ruling` of each of the (n, 7) cells."""
+        placed = self.placed(cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
-        result[self.required.lacking(placed)] = Ruling.BREAKS_RULE
+        if self.required.at_least:
+            lacking = self.required.lacking(placed.ranges(self._T_face_object))
+            result[lacking] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result
 
+    def most(self, cells: Array) -> Array:
+        """(n,) what ξ does not exceed at any pose of the (n, 7) cells; inf where nothing is
+        known."""
+        if not (self.bounded and isinstance(self._objective, SlowObjective)):
+            return np.full(len(cells), np.inf)
+        return self._objective.most_around(self.ranges(cells)) + _ROUNDING
+
     def beyond_reach(self, cells: Array) -> Array:
-        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 10); 0
+        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 7); 0
         or less where nothing is known to be lacking."""
-        return self._reach.beyond(PlacedCells(cells))
+        return self._reach.beyond(self.placed(cells))

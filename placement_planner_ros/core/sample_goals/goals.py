@@ -102,12 +102,14 @@ class GoalFinder:
                 float(values[row]),
                 best,
                 should_stop,
-                remembering=remembering,
+                remembering,
             )
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
                 if reached <= Verdict.NOT_BETTER:  # turned as the arm can
                     values[row] = min(values[row], best)
+                else:
+                    self.rejections.missed.append(float(values[row]))
                 continue
             verdicts[row] = Verdict.FEASIBLE
             values[row] = reached.objective
@@ -130,51 +132,6 @@ class GoalFinder:
                 values[near] = evaluate_batch(self._objective, T[near])
         return values
 
-    def check_all(
-        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome:
-        """The same with every check made on every sample, as the authors' reward needs."""
-        verdicts, values, terms = [], [], []
-        found: list[Goal] = []
-        for row in range(len(draws.face)):
-            if should_stop():
-                break
-            # Every check, whatever the others say.
-            contact, one = _contact_of(draws, row), slice(row, row + 1)
-            drawn = draws.face[one], draws.contact[one], draws.angle[one], draws.slope[one]
-            x = pin.SE3(self._poses.contacts.poses(*drawn)[0])
-            verdict = self._poses.verdict(x, contact)
-            value = evaluate_objective(self._objective, x)
-            goal = self._reach_any(
-                draws,
-                row,
-                x,
-                value,
-                best,
-                should_stop,
-                hand_first=False,
-                remembering=best == -np.inf,
-            )
-            reached = goal is not Verdict.NO_IK
-            arm_free = isinstance(goal, Goal) or goal > Verdict.ARM_COLLIDING
-            stable = self._poses.stable(x, contact.feature, contact.slope)
-            free = self._poses.free(x, contact)
-            # The first that fails gives the verdict.
-            if verdict is Verdict.FEASIBLE and not value > best:
-                verdict = Verdict.NOT_BETTER
-            if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
-                verdict = goal
-            if verdict is Verdict.FEASIBLE and isinstance(goal, Goal):
-                value = goal.objective
-            verdicts.append(int(verdict))
-            values.append(value)
-            terms.append((reached, arm_free, free, stable))
-            if verdict is Verdict.FEASIBLE and isinstance(goal, Goal):
-                found.append(goal)
-                if len(found) == goals:
-                    break
-        return Outcome(np.array(verdicts), np.array(values), found, terms)
-
     def _reach_any(
         self,
         draws: Draws,
@@ -183,8 +140,7 @@ class GoalFinder:
         value: float,
         best: float,
         should_stop: Callable[[], bool],
-        hand_first: bool = True,
-        remembering: bool = False,
+        remembering: bool,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         # The arm and grasp that were drawn, or all in random order.
@@ -195,7 +151,7 @@ class GoalFinder:
             candidates = self._rng.permutation(len(self.holdings)).tolist()
         furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
-            for tried, goal in self._tries(self.holdings[k], wanted, best, hand_first):
+            for tried, goal in self._tries(self.holdings[k], wanted, best):
                 feature, height, slope = tried.contact
                 if not isinstance(goal, Verdict):
                     self.rejections.tries[k, feature, Verdict.FEASIBLE] += 1
@@ -211,13 +167,13 @@ class GoalFinder:
         return furthest
 
     def _tries(
-        self, holding: Holding, wanted: Wanted, best: float, hand_first: bool
+        self, holding: Holding, wanted: Wanted, best: float
     ) -> Iterator[tuple[Wanted, Goal | Verdict]]:
         """The pose, and what becomes of it; where the arm says how the object is turned, the poses
         that it can give it at that place."""
         # An arm that can turn the object as asked.
         if holding.any_turn is None:
-            yield wanted, self._reach_goal(holding, wanted, hand_first)
+            yield wanted, self._reach_goal(holding, wanted)
             return
         # Places for the others, with the turns that the arm can give.
         T_face_object = self._poses.contacts.frames[wanted.contact.feature]
@@ -253,8 +209,8 @@ class GoalFinder:
         pose = pose._replace(value=evaluate_objective(self._objective, pose.x))
         return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
 
-    def _reach_goal(self, holding: Holding, wanted: Wanted, hand_first: bool) -> Goal | Verdict:
-        found = holding.configurations(wanted.x, self._ik_seeds, self._rng, hand_first)
+    def _reach_goal(self, holding: Holding, wanted: Wanted) -> Goal | Verdict:
+        found = holding.configurations(wanted.x, self._ik_seeds, self._rng)
         return found if isinstance(found, Verdict) else self._placed(holding, wanted, found)
 
     def _placed(self, holding: Holding, wanted: Wanted, Q: Array) -> Goal | Verdict:

@@ -4,36 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement_planner_ros.core.objective.objective import PoseRanges
 from placement_planner_ros.core.search.cell_layout import (
     ANGLE,
-    FACE,
-    SLOPE,
-    X,
-    Y,
-    Z,
-    contact_points,
+    LOWER,
+    UPPER,
+    PoseSets,
+    sets_of,
 )
 from placement_planner_ros.core.types import Array, upright
 
 
 class PlacedCells:
-    """Where cells (n, 10) put points of the body.
+    """Where cells (n, 7) put points of the body.
 
     A pose of a cell is T(R_n R_z(θ), c) · fT_o, so a point p of the face frame comes to lie within
     `turn` ‖p_xy‖ + the box of c about its place at the middle of the cell. The turn is about the
     normal of the cell's plane, and c lies in it: upwards they make less than `steep` of that.
     """
 
-    def __init__(self, cells: Array) -> None:
-        self.face = cells[:, FACE].astype(np.int64)
+    def __init__(self, sets: PoseSets, cells: Array) -> None:
+        of = sets_of(cells)
+        self.face, self.height, self.slope = sets.face[of], sets.z[of], sets.slope[of]
         # The middle of each cell, and how far its points are from there.
-        self.half = 0.5 * np.column_stack(
-            [cells[:, X + 1] - cells[:, X], cells[:, Y + 1] - cells[:, Y]]
-        )
-        middle = np.column_stack([cells[:, X], cells[:, Y]]) + self.half
-        self.contact = contact_points(cells, middle)
-        self.height = cells[:, Z]
-        self.slope = cells[:, [SLOPE, SLOPE + 1]]
+        self.half = 0.5 * (cells[:, UPPER] - cells[:, LOWER])[:, :2]
+        self.contact = sets.contact_points(of, cells[:, LOWER[:2]] + self.half)
         # The object's turn in the middle of the range, on the plane's slope.
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
         self.half_turn = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
@@ -56,6 +51,21 @@ class PlacedCells:
         T = np.tile(np.eye(4), (len(self.face), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self._turned, self.contact
         return np.asarray(T @ T_face_object[self.face])
+
+    def ranges(self, T_face_object: Array) -> PoseRanges:
+        """The poses of each cell, of fT_o (|F|, 4, 4)."""
+        origins = T_face_object[self.face, :3, 3][:, None]
+        shift = np.linalg.norm(self.half, axis=1)
+        aside = shift + self.strays(origins)[:, 0]
+        return PoseRanges(
+            self.poses(T_face_object),
+            self.contact,
+            self._turned[:, :, 2],
+            shift,
+            self.half_turn,
+            self.rise,
+            np.hypot(aside, self.rises(origins)[:, 0]),
+        )
 
     def middles(self, points: Array) -> Array:
         """(n, m, 3) points (n, m, 3) of the face frame at the middle of each cell."""

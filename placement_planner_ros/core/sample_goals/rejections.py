@@ -14,6 +14,8 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
 _REMEMBERED_POSES = 32
 """Poses remembered of each verdict, the newest."""
+_REMEMBERED_VALUES = 10_000
+"""Values remembered of poses that were not reached, the newest."""
 
 
 class RejectedPose(NamedTuple):
@@ -39,12 +41,14 @@ class Rejections:
             grasp) to reach a pose on each face ended with each verdict. FEASIBLE are goals. Poses
             that no arm was to reach are not in here.
         poses: of each verdict the newest.
+        missed: ξ of poses better than ξ_best that are free and stand, but were not reached.
     """
 
     def __init__(self, holdings: int, faces: int) -> None:
         self.tries: npt.NDArray[np.int64] = np.zeros(
             (holdings, faces, len(Verdict)), dtype=np.int64
         )
+        self.missed: deque[float] = deque(maxlen=_REMEMBERED_VALUES)
         self.poses: dict[Verdict, deque[RejectedPose]] = {
             verdict: deque(maxlen=_REMEMBERED_POSES) for verdict in Verdict
         }

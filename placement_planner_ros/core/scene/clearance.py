@@ -10,6 +10,7 @@ comes in, and the nearest run is handed on from pixel to pixel.
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,9 @@ SLICE_M = 4.0 * VOXEL_M
 """m of the thickest slice: within it, distances to what is overhead are linear."""
 MOST_PIXELS = 100_000
 """Pixels of a raster at most; those of large volumes are further apart."""
+
+_SINGLE_PRECISION = 1e-5
+"""More than the slopes of an envelope are off by, in parts."""
 
 
 class Runs(NamedTuple):
@@ -138,6 +142,29 @@ class ClearanceField:
             array.setflags(write=False)
         self._table = ClearanceTable(values, faces, low, pixel, float(cap), self.lift)
 
+    @property
+    def cap(self) -> float:
+        """The greatest value, metres."""
+        return self._table.cap
+
+    @property
+    def pixel(self) -> float:
+        """Of the raster, metres."""
+        return self._table.pixel
+
+    def envelope(self, sign: float) -> ClearanceField:
+        """What sign · d_S is nowhere above, from pixel to neighbour by no more than their distance.
+
+        d_S itself does nearly so, but that the nearest is handed on by mistake at times.
+        """
+        values = np.float32(sign) * self._table.values
+        _raise_to_slope(values, np.float32(self.pixel))
+        values *= np.float32(sign)
+        values.setflags(write=False)
+        result = copy(self)
+        result._table = self._table._replace(values=values)
+        return result
+
     def distance(self, points: Array) -> Array:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
         return np.asarray(_point_distances(self._table, _contiguous_view(points))[:, 0])
@@ -167,6 +194,18 @@ class ClearanceField:
         return _mean_clearance(
             self._table, _contiguous_view(T_world_object), _contiguous_view(points), slopes
         )
+
+
+def most_change(moved: Array, pixel: float) -> Array:
+    """(n,) m, by which the mean over points that move sideways by (n,) m (root mean square) changes
+    at most in an envelope.
+
+    Within a pixel the slope is √2 at most. From afar, from the corners of one pixel to those of
+    another, by which values are weighted, it is hypot(moved, pixel), along eight directions.
+    """
+    eight = math.sqrt(4.0 - 2.0 * math.sqrt(2.0))
+    change = np.minimum(math.sqrt(2.0) * moved, eight * np.hypot(moved, pixel))
+    return np.asarray(change * (1.0 + _SINGLE_PRECISION))
 
 
 def _counted_points(
@@ -298,6 +337,34 @@ def _face_distances(
                 up = max(bottom[k] - faces[face], 0.0)
                 distance = math.sqrt(dx * dx + dy * dy + up * up)
                 values[i, j, face] = min(np.float32(distance), values[i, j, face])
+
+
+@kernel(nogil=True)
+def _raise_to_slope(values: Field, pixel: np.float32) -> None:
+    """Raise (nx, ny, ...) values to where neighbours are no further apart than their distance."""
+    nx, ny = values.shape[0], values.shape[1]
+    slices = values.shape[2]
+    straight, aslant = pixel, pixel * np.float32(math.sqrt(2.0))
+    # two sweeps hand the higher values on, against each other
+    for sweep in range(2):
+        step = 1 - 2 * sweep
+        for row in range(nx):
+            i = row if step > 0 else nx - 1 - row
+            m = i - step
+            for column in range(ny):
+                j = column if step > 0 else ny - 1 - column
+                for s in range(slices):
+                    for face in range(2):
+                        least = values[i, j, s, face]
+                        if 0 <= m < nx:
+                            least = max(least, values[m, j, s, face] - straight)
+                            if j > 0:
+                                least = max(least, values[m, j - 1, s, face] - aslant)
+                            if j + 1 < ny:
+                                least = max(least, values[m, j + 1, s, face] - aslant)
+                        if 0 <= j - step < ny:
+                            least = max(least, values[i, j - step, s, face] - straight)
+                        values[i, j, s, face] = least
 
 
 @kernel(lean=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.cell_layout import PoseSets
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
@@ -76,6 +77,7 @@ class AfrHierarchy:
 
     Attributes:
         pose_sets: per face, the regions that it may be placed on and the ranges of θ there.
+        sets: the same, one a row.
         usable: the faces that have any.
     """
 
@@ -94,13 +96,19 @@ class AfrHierarchy:
         self.faces = faces
         self.regions = tuple(regions)
         self.settings = settings
-        self.restricted = turns is not None
         of = turns or (lambda face, region: EVERY_TURN)
         self.pose_sets = tuple(
             tuple((r, *range_) for r in self.regions for range_ in of(face, r))
             for face in range(faces)
         )
         self.usable = tuple(face for face in range(faces) if self.pose_sets[face] or not regions)
+        number = {region: k for k, region in enumerate(self.regions)}
+        rows = [
+            (face, number[region], low, high)
+            for face in range(faces)
+            for region, low, high in self.pose_sets[face]
+        ]
+        self.sets = PoseSets(self.regions, rows)
         self.root = AfrNode()
         self._arms = [arm for arm, grasps in enumerate(grasps_per_arm) if grasps > 0]
         self._split: dict[Region, tuple[Region, ...]] = {}

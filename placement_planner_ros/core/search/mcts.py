@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,33 +14,26 @@ from placement_planner_ros.core.search.sampler import (
     GoalChecker,
     Outcome,
     SamplerSettings,
-    Terms,
 )
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Goal, Verdict
 
-RewardName = Literal["checks_passed", "four_term"]
-
 
 @dataclass(frozen=True, slots=True)
 class MctsSettings(SamplerSettings):
-    """Budgets, exploration and rewards.
+    """Budgets and exploration.
 
     Attributes:
         batch: as in `SamplerSettings`. Each selection of a batch takes those before it for samples
             without reward; 1 is the paper's algorithm to the letter, where no goal
             ends a call early (`goals_per_call`).
         exploration: c of UCB1.
-        reward: H, `checks_passed` (share of the ordered checks passed before the first failure)
-            or `four_term` (the authors': mean of arm free, object free, stable, better; 0 without
-            IK, and every check is made on every sample).
         max_nodes: bound on the tree's size.
     """
 
     batch: int = setting(64, "[1, inf)")
     exploration: float = setting(1.0, "[0, inf)")
-    reward: RewardName = setting("checks_passed", choices=get_args(RewardName))
     max_nodes: int = setting(200_000, "[1, inf)")
 
 
@@ -55,14 +47,6 @@ def checks_passed(verdict: int, better: bool = True) -> float:
     passed = verdict if better else min(verdict, int(Verdict.NOT_BETTER))
     passed -= passed > Verdict.BREAKS_RULE
     return passed / (int(Verdict.FEASIBLE) - 1)
-
-
-def four_term(terms: Terms, better: bool) -> float:
-    """H in the authors' form, from (reached, arm free, object free, stable)."""
-    reached, arm_free, object_free, stable = terms
-    if not reached:
-        return 0.0
-    return 0.25 * (arm_free + object_free + stable + (object_free and stable and better))
 
 
 class MctsSampler(BatchSampler):
@@ -84,8 +68,6 @@ class MctsSampler(BatchSampler):
         rng: np.random.Generator,
     ) -> None:
         super().__init__(checker, settings)
-        if settings.reward == "four_term":
-            self._check = checker.check_all
         self.tree = SearchTree(
             hierarchy, hierarchy.MIN_SAMPLE_DEPTH, settings.exploration, settings.max_nodes, rng
         )
@@ -124,9 +106,6 @@ class MctsSampler(BatchSampler):
         for k, (verdict, value) in enumerate(samples):
             if self.tree.is_leaf(self._selected[k]):
                 reward, demoted = float(verdict == Verdict.FEASIBLE), 0.0
-            elif outcome.terms is None:
-                reward, demoted = checks_passed(verdict), checks_passed(verdict, better=False)
             else:
-                reward = four_term(outcome.terms[k], better=value > best)
-                demoted = four_term(outcome.terms[k], better=False)
+                reward, demoted = checks_passed(verdict), checks_passed(verdict, better=False)
             self.tree.update(self._selected[k], reward, value, demoted)

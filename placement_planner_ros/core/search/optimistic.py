@@ -16,16 +16,13 @@ import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import (
     CELL_COLUMNS,
-    FACE,
     LOWER,
     PARTS,
-    SLOPE,
+    SET,
     UPPER,
-    Z,
     contact_areas,
-    contact_points,
     halved_cells,
-    region_extent,
+    sets_of,
 )
 from placement_planner_ros.core.search.expected_improvement import (
     DEPTH,
@@ -101,8 +98,7 @@ class OptimisticSampler(BatchSampler):
         self._bounds = bounds if settings.prune else None
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
-        self._extents = np.array([region_extent(region) for region in hierarchy.regions])
-        self._heights = np.array([region.z for region in hierarchy.regions])
+        self._sets = hierarchy.sets
         self._steps = np.array(
             [_COARSE_CELLS, _COARSE_CELLS, hierarchy.settings.angle_intervals**2]
         )
@@ -124,16 +120,7 @@ class OptimisticSampler(BatchSampler):
         """The next poses of the round, at most so many; of a new round where it is over."""
         if len(self._cells) == 0:
             self._begin_round(self.count.samples >= self._settings.uniform_first, best)
-        cells, poses = self._cells[:most], self._poses[:most]
-        undecided = np.full(len(cells), -1)
-        return Draws(
-            undecided,
-            undecided,
-            cells[:, FACE].astype(np.int64),
-            contact_points(cells, poses[:, :2]),
-            poses[:, 2],
-            cells[:, [SLOPE, SLOPE + 1]],
-        )
+        return self._sets.draws(sets_of(self._cells[:most]), self._poses[:most])
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was; the rest of the round is drawn from next."""
@@ -174,26 +161,17 @@ class OptimisticSampler(BatchSampler):
         """The node of a coarse cell."""
         name = cell.tobytes()
         if name not in self._nodes:
-            self._nodes[name] = self._model.add_node(int(cell[FACE]))
+            self._nodes[name] = self._model.add_node(int(self._sets.face[int(cell[SET])]))
         return self._nodes[name]
 
     def _graded(self, count: int) -> tuple[Array, Array]:
-        """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
-        drawn = self._uniform.draw(count)
-        regions = drawn.region
-        poses = np.column_stack([drawn.contact[:, :2], drawn.angle])
-        low, high = np.empty((count, 3)), np.empty((count, 3))
-        low[:, :2], high[:, :2] = self._extents[regions, ::2], self._extents[regions, 1::2]
-        low[:, 2], high[:, 2] = drawn.low, drawn.high
+        """Coarse cells (n, 7) of n uniform poses, and these (n, 3) as x, y, θ."""
+        sets, poses = self._uniform.draw(count)
+        low, high = self._sets.low[sets], self._sets.high[sets]
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
-        cells = np.empty((count, CELL_COLUMNS))
-        cells[:, FACE] = drawn.face
-        cells[:, Z] = self._heights[regions]
-        cells[:, [SLOPE, SLOPE + 1]] = self._uniform.slopes[regions]
-        cells[:, LOWER] = low + place * size
-        cells[:, UPPER] = low + (place + 1.0) * size
-        return cells, poses
+        corner = low + place * size
+        return self._sets.cells_between(sets, corner, low + (place + 1.0) * size), poses
 
     def _open_parts(self, best: float) -> tuple[Array, Array]:
         """The parts of the most promising cells that may hold a goal, and what is known of them.
@@ -211,7 +189,7 @@ class OptimisticSampler(BatchSampler):
         return parts[is_open], state[is_open]
 
     def _take(self, best: float) -> tuple[Array, Array]:
-        """The most promising cells (n, 10), and what is known of them (n, 6)."""
+        """The most promising cells (n, 7), and what is known of them (n, 6)."""
         best = self._aim(best)
         if best != self._ranked_for or self.count.samples > 2 * self._ranked_at:
             if self.count.samples > 2 * self._ranked_at:
@@ -259,7 +237,7 @@ class _Cells:
         self._heap: list[tuple[float, int]] = []  # by promise times the chance to reach, negative
 
     def add(self, cells: Array, state: Array, best: float) -> None:
-        """File cells (n, 10) with what is known of them (n, 6)."""
+        """File cells (n, 7) with what is known of them (n, 6)."""
         end = self._count + len(cells)
         if end > len(self._cells):
             more = len(self._cells)
@@ -290,7 +268,7 @@ class _Cells:
         )
 
     def take(self) -> tuple[Array, Array] | None:
-        """Remove the most promising one: (10,), and what is known of it (6,); None without any."""
+        """Remove the most promising one: (7,), and what is known of it (6,); None without any."""
         while self._heap:
             _, row = self._heap[0]
             # It promises less by now where tries to reach poses failed.

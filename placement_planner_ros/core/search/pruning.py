@@ -1,8 +1,10 @@
-"""Branches that provably hold nothing, and what is left of the hierarchy without them."""
+"""Branches that provably hold nothing, or nothing better, and what is left without them."""
 
 from __future__ import annotations
 
 import enum
+import heapq
+import itertools
 from typing import Protocol
 
 import numpy as np
@@ -10,17 +12,21 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
     ANGLE,
+    PARTS,
     contact_areas,
     halved_cells,
-    whole_cells,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array
 
 _CELLS_AT_ONCE = 8
-"""Cells that are judged together: enough to make use of arrays, few enough to go deep first."""
-_JUDGING_ROUNDS = 500
-"""Rounds of judging in one call at most, some 0.1 s."""
+"""Cells that are taken apart together: enough to make use of arrays, few enough to go deep."""
+_ROUNDS = 500
+"""Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
+_PARTS_PER_SAMPLE = 0.05
+"""Parts that are judged for each sample that was tried, so that sampling goes on."""
+_MAX_CELLS = 100_000
+"""Cells that are kept at most; then none is taken apart until some can be dropped."""
 
 
 class Ruling(enum.IntEnum):
@@ -39,8 +45,17 @@ class Ruling(enum.IntEnum):
 class CellBounds(Protocol):
     """Judges whole cells at once."""
 
+    @property
+    def bounded(self) -> bool:
+        """Whether anything is known of ξ."""
+        ...
+
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 10) cells; any but OPEN is proven for all its poses."""
+        """(n,) `Ruling` of each of the (n, 7) cells; any but OPEN is proven for all its poses."""
+        ...
+
+    def most(self, cells: Array) -> Array:
+        """(n,) what ξ does not exceed at any pose of the cells."""
         ...
 
 
@@ -61,7 +76,10 @@ class Cause(enum.StrEnum):
 class Remainder:
     """What of the hierarchy is not ruled out: all of it at first.
 
-    A depth-first search for a leaf that may hold a goal. Where there is none, nothing is left.
+    Before anything was found, a depth-first search for a leaf that may hold a goal: where there is
+    none, nothing is left. Then branch and bound: the cells in which ξ may be largest are taken
+    apart. Only geometry and provable reach rule cells out, so what is left does not depend on what
+    was tried.
 
     Attributes:
         rulings: what the parts ruled out so far were ruled out for.
@@ -71,30 +89,67 @@ class Remainder:
         self._bounds = bounds
         self._min_area = hierarchy.settings.min_area
         self._min_angle = hierarchy.settings.min_angle * (1 + 1e-9)
-        self._open = list(whole_cells(hierarchy))
+        self._number = itertools.count()
+        # by the bound of ξ, negative, then the latest, which is the deepest
+        self._open: list[tuple[float, int, Array]] = []
         self._found = False  # whether a leaf is known that may hold a goal
+        self._judged, self._least = 0, -np.inf
         self.rulings: set[Ruling] = set()
+        cells = hierarchy.sets.cells
+        self._add(cells, np.full(len(cells), np.inf))
+
+    def gap(self, best: float, least: float) -> float | None:
+        """By how much ξ of anything on the placement regions exceeds `best` at most, or `least`
+        where that is more; None where that is not known."""
+        most = -self._open[0][0] if self._open else -np.inf
+        return max(most - best, least) if most < np.inf else None
 
     def empty(self) -> bool:
         """Whether there is no goal; False as long as that is not proven."""
-        for _ in range(_JUDGING_ROUNDS):
-            if self._found:
-                return False
-            if not self._open:
-                return True
-            # Judge some cells, the deepest first.
-            cells = np.array(self._open[-_CELLS_AT_ONCE:])
-            del self._open[-_CELLS_AT_ONCE:]
-            rulings = self._bounds.rulings(cells)
-            self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
-            cells = cells[rulings == Ruling.OPEN]
-            # A leaf that is still open may hold a goal; other cells are halved.
+        for _ in range(_ROUNDS):
+            if self._found or not self._open:
+                break
+            cells, _ = self._taken_apart()
+            # A leaf that is still open may hold a goal.
             angles = cells[:, ANGLE + 1] - cells[:, ANGLE]
-            self._found = bool(
-                ((contact_areas(cells) <= self._min_area) & (angles <= self._min_angle)).any()
-            )
-            self._open += list(halved_cells(cells))
-        return False
+            leaves = (contact_areas(cells) <= self._min_area) & (angles <= self._min_angle)
+            self._found = bool(leaves.any())
+            self._add(cells, np.full(len(cells), np.inf))
+        return not self._open
+
+    def narrow(self, least: float, samples: int) -> None:
+        """Take the most promising cells apart, and drop what holds nothing better than `least`.
+
+        Args:
+            samples: tried so far.
+        """
+        if least > self._least:
+            self._least = least
+            self._open = [each for each in self._open if -each[0] > least]
+            heapq.heapify(self._open)
+        budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
+        while self._open and self._judged < budget and len(self._open) < _MAX_CELLS:
+            cells, most = self._taken_apart()
+            if len(cells):
+                most = np.minimum(most, self._bounds.most(cells))
+            self._add(cells[most > least], most[most > least])
+
+    def _taken_apart(self) -> tuple[Array, Array]:
+        """(n, 7) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
+        ones."""
+        number = min(_CELLS_AT_ONCE, len(self._open))
+        taken = [heapq.heappop(self._open) for _ in range(number)]
+        parts = halved_cells(np.array([cell for _, _, cell in taken]))
+        most = np.repeat([-bound for bound, _, _ in taken], PARTS)
+        self._judged += len(parts)
+        rulings = self._bounds.rulings(parts)
+        self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
+        is_open = rulings == Ruling.OPEN
+        return parts[is_open], most[is_open]
+
+    def _add(self, cells: Array, most: Array) -> None:
+        for cell, bound in zip(cells, most.tolist(), strict=True):
+            heapq.heappush(self._open, (-bound, -next(self._number), cell))
 
     @property
     def cause(self) -> Cause:

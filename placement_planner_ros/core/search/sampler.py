@@ -14,7 +14,6 @@ from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 Index = npt.NDArray[np.int64]
-Terms = tuple[bool, bool, bool, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +61,11 @@ class Outcome:
         values: (m,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
         goals: those found, in order.
-        terms: (reached, arm free, object free, stable), where every check was made.
     """
 
     verdicts: Index
     values: Array
     goals: list[Goal]
-    terms: list[Terms] | None = None
 
 
 class GoalChecker(Protocol):
@@ -82,12 +79,6 @@ class GoalChecker(Protocol):
         Ends with the draw that gives the last of so many goals, or when told to stop; draws after
         it do not count.
         """
-        ...
-
-    def check_all(
-        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome:
-        """The same without stopping at the first failure, with `terms` filled."""
         ...
 
 
@@ -136,13 +127,12 @@ class BatchSampler(ABC):
     """Algorithm 2 around a way to choose where to sample next.
 
     Args:
-        checker: checks samples, by `check_batch` unless the subclass says otherwise.
+        checker: checks samples.
     """
 
     def __init__(self, checker: GoalChecker, settings: SamplerSettings) -> None:
         self.count = SampleCount()
         self._checker = checker
-        self._check = checker.check_batch
         self._budget = settings
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
@@ -152,7 +142,7 @@ class BatchSampler(ABC):
         while left > 0 and len(goals) < wanted and not should_stop():
             # A batch: draw, check, learn.
             draws = self._draw(left, best)
-            outcome = self._check(draws, best, wanted - len(goals), should_stop)
+            outcome = self._checker.check_batch(draws, best, wanted - len(goals), should_stop)
             self._learn(outcome, best)
             tried = len(outcome.verdicts)
             self.count.add(outcome.verdicts, draws.face[:tried])
