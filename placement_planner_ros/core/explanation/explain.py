@@ -37,6 +37,7 @@ _RULED = {
     Ruling.OUT_OF_REACH: Verdict.NO_IK,
     Ruling.UNSUPPORTED: Verdict.UNSTABLE,
     Ruling.BREAKS_RULE: Verdict.BREAKS_RULE,
+    Ruling.COLLIDING: Verdict.COLLIDING,
 }
 
 
@@ -135,6 +136,7 @@ def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
         Ruling.BREAKS_RULE: f"against a rule{_required_in_words(search)}",
         Ruling.OUT_OF_REACH: "out of reach of every arm in every grasp",
         Ruling.UNSUPPORTED: "without support, or with the centre of mass outside target_volume",
+        Ruling.COLLIDING: "in collision with what was measured there",
     }
     ruled = [words[ruling] for ruling in words if ruling in rulings]
     # Where some poses break a rule alone, that is what to change.

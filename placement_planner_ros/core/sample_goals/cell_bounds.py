@@ -12,6 +12,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
+from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.required_bounds import RequiredBound
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
@@ -71,6 +72,7 @@ class BranchBounds:
     Attributes:
         required: what of required terms is known of whole cells.
         bounded: whether anything is known of ξ.
+        turn_radius: m that one radian counts as: half the size of the object.
     """
 
     def __init__(
@@ -83,10 +85,13 @@ class BranchBounds:
         self._sets = sets
         self._reach = _Reach(poses.problem.body, holdings)
         self._support = SupportBound(poses)
+        self._overlap = OverlapBound(poses)
         self._objective = objective
         faces = poses.problem.body.faces
         self._T_face_object = np.array([f.T_face_object.homogeneous for f in faces])
         self.required = RequiredBound(poses)
+        size = np.ptp(poses.problem.body.vertices, axis=0)
+        self.turn_radius = 0.5 * float(np.linalg.norm(size))
         self.bounded = isinstance(objective, SlowObjective) and objective.bounded
 
     def placed(self, cells: Array) -> PlacedCells:
@@ -100,10 +105,10 @@ class BranchBounds:
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 7) cells."""
         placed = self.placed(cells)
+        ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
-        if self.required.at_least:
-            lacking = self.required.lacking(placed.ranges(self._T_face_object))
-            result[lacking] = Ruling.BREAKS_RULE
+        result[self._overlap.overlapping(ranges)] = Ruling.COLLIDING
+        result[self.required.lacking(ranges)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result

@@ -12,18 +12,17 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
     ANGLE,
-    PARTS,
+    bisected_cells,
     contact_areas,
-    halved_cells,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array
 
-_CELLS_AT_ONCE = 8
+_CELLS_AT_ONCE = 32
 """Cells that are taken apart together: enough to make use of arrays, few enough to go deep."""
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.05
+_PARTS_PER_SAMPLE = 0.1
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 _MAX_CELLS = 100_000
 """Cells that are kept at most; then none is taken apart until some can be dropped."""
@@ -40,6 +39,8 @@ class Ruling(enum.IntEnum):
     """At every pose a vertex of v(f) has no support, or the centre of mass is outside V."""
     BREAKS_RULE = 3
     """At every pose a term that is required is too low."""
+    COLLIDING = 4
+    """At every pose the object overlaps an obstacle."""
 
 
 class CellBounds(Protocol):
@@ -48,6 +49,11 @@ class CellBounds(Protocol):
     @property
     def bounded(self) -> bool:
         """Whether anything is known of ξ."""
+        ...
+
+    @property
+    def turn_radius(self) -> float:
+        """m that one radian counts as."""
         ...
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
@@ -139,8 +145,8 @@ class Remainder:
         ones."""
         number = min(_CELLS_AT_ONCE, len(self._open))
         taken = [heapq.heappop(self._open) for _ in range(number)]
-        parts = halved_cells(np.array([cell for _, _, cell in taken]))
-        most = np.repeat([-bound for bound, _, _ in taken], PARTS)
+        parts = bisected_cells(np.array([cell for _, _, cell in taken]), self._bounds.turn_radius)
+        most = np.repeat([-bound for bound, _, _ in taken], 2)
         self._judged += len(parts)
         rulings = self._bounds.rulings(parts)
         self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
