@@ -44,15 +44,7 @@ class CheckRecord:
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
     ) -> Outcome:
         """As `GoalChecker` says."""
-        return self._kept(draws, self._checker.check_batch(draws, best, goals, should_stop))
-
-    def check_all(
-        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome:
-        """As `GoalChecker` says."""
-        return self._kept(draws, self._checker.check_all(draws, best, goals, should_stop))
-
-    def _kept(self, draws: Draws, outcome: Outcome) -> Outcome:
+        outcome = self._checker.check_batch(draws, best, goals, should_stop)
         self._places.append(draws.contact[: len(outcome.verdicts)].copy())
         self._verdicts.append(outcome.verdicts.copy())
         return outcome

@@ -58,8 +58,10 @@ def test_what_is_published_is_right_and_in_no_cell_that_is_ruled_out(table, name
         assert judge.check(Solution.of(placement, arm), previous) == []
         previous = placement.objective
         angle, contact = face_angle(planner, placement.goal)
-        place = np.repeat([*contact[:2], angle % (2.0 * np.pi)], 2)
-        cell = np.array([[placement.goal.face, contact[2], *place, 0.0, 0.0]])
+        sets = planner._search.hierarchy.sets
+        of = (sets.face == placement.goal.face) & (abs(sets.z - contact[2]) < 1e-6)
+        place = np.array([[*contact[:2], angle % (2.0 * np.pi)]])
+        cell = sets.cells_between(np.flatnonzero(of)[:1], place, place)
         assert planner._bounds.rulings(cell)[0] == Ruling.OPEN
     assert previous is not None
     assert planner.exhausted == ""

@@ -76,7 +76,7 @@ class ContactClass(Protocol):
         ...
 
     def excluded(self, cells: Array) -> Mask:
-        """(n,) of cells (n, 10) of the hierarchy, those that provably hold no pose with s(x)."""
+        """(n,) of cells (n, 7) of the hierarchy, those that provably hold no pose with s(x)."""
         ...
 
     def contact_points(self, T_world_object: pin.SE3, feature: int) -> ContactPoints:

@@ -13,7 +13,7 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
-from placement_planner_ros.core.types import Contact, Verdict
+from placement_planner_ros.core.types import Verdict
 
 SAMPLES = 6000
 BLOCK = 64
@@ -138,39 +138,3 @@ def test_only_what_beats_the_best_value_is_reached_for(made, checked):
         assert all(goal.objective > best for goal in outcome.goals)
         cheap = checked.verdicts < Verdict.NOT_BETTER
         assert (outcome.verdicts[cheap] == checked.verdicts[cheap]).all()
-
-
-def test_every_check_of_a_sample_is_made_for_the_authors_reward(made, checked):
-    _, _, planner, draws = made
-    few = rows(draws, 0, 40)
-    outcome = planner.sampler._checker.check_all(few, -np.inf, 10_000, never)
-    assert len(outcome.terms) == 40
-    for row, (reached, arm_free, free, stable) in enumerate(outcome.terms):
-        verdict = outcome.verdicts[row]
-        cheap = checked.verdicts[row]
-        finder = planner.sampler._checker
-        face, contact = int(few.face[row]), few.contact[row]
-        x = placement_pose(finder._poses.faces.faces[face], contact, float(few.angle[row]))
-        assert free == finder._poses.free(x, Contact(face, contact[2]))
-        assert stable == finder._poses.stable(x, face)
-        assert (verdict < Verdict.NOT_BETTER) == (cheap < Verdict.NOT_BETTER)
-        if cheap < Verdict.NOT_BETTER:
-            assert verdict == cheap
-        assert stable or verdict <= Verdict.UNSTABLE
-        assert free or verdict <= Verdict.COLLIDING
-        assert reached or not arm_free
-        assert verdict != Verdict.FEASIBLE or (reached and arm_free and free and stable)
-        if verdict == Verdict.NO_IK:
-            assert not reached
-    assert outcome.values == pytest.approx(
-        [
-            planner.sampler._checker._objective(
-                placement_pose(
-                    planner.sampler._checker._poses.faces.faces[int(few.face[k])],
-                    few.contact[k],
-                    float(few.angle[k]),
-                )
-            )
-            for k in range(40)
-        ]
-    )

@@ -7,20 +7,15 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import (
     ANGLE,
-    FACE,
-    SLOPE,
     X,
     Y,
-    contact_points,
     halved_cells,
-    whole_cells,
+    sets_of,
 )
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.types import LEVEL
@@ -58,27 +53,23 @@ def test_no_pose_of_a_cell_has_more(ground, request):
     planner = planner_of(problem, SLOW, (-9.0,) * 4)
     search, rng = planner._search, np.random.default_rng(1)
     assert (ground == "sloping") == any(r.slope != LEVEL for r in search.hierarchy.regions)
-    cells = whole_cells(search.hierarchy)
+    cells = search.hierarchy.sets.cells
     some = [cells]
     for _ in range(4):
-        cells = halved_cells(cells[rng.permutation(len(cells))[:6]])
+        cells = halved_cells(cells[rng.permutation(len(cells))[:20]])
         some.append(cells)
     cells = np.concatenate(some)
     cells = cells[rng.permutation(len(cells))[:400]]
-    most = planner._bounds.required.most(PlacedCells(cells))
+    most = planner._bounds.required.most(planner._bounds.ranges(cells))
     close = dict.fromkeys(SLOW, 0)
     for k, cell in enumerate(cells):
         share = rng.choice([0.0, 1.0, 0.5, 0.3], (12, 3))
         low, high = cell[[X, Y, ANGLE]], cell[[X + 1, Y + 1, ANGLE + 1]]
         at = low + share * (high - low)
-        face, slope = problem.body.faces[int(cell[FACE])], (cell[SLOPE], cell[SLOPE + 1])
-        places = contact_points(np.tile(cell, (12, 1)), at[:, :2])
-        T = [
-            placement_pose(face, c, a, slope).homogeneous
-            for c, a in zip(places, at[:, 2], strict=True)
-        ]
+        draws = search.hierarchy.sets.draws(sets_of(np.tile(cell, (12, 1))), at)
+        _, T = search.poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
         for name, term, _ in search.poses.required.terms_asked:
-            values = term.values(np.array(T))
+            values = term.values(T)
             assert values.max() <= most[name][k] + 1e-9
             close[name] += values.max() > most[name][k] - 0.02
     assert all(number > 5 for name, number in close.items() if ground == "table"), close

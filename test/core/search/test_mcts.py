@@ -11,7 +11,6 @@ from placement_planner_ros.core.search.mcts import (
     MctsSampler,
     MctsSettings,
     checks_passed,
-    four_term,
 )
 from placement_planner_ros.core.search.sampler import Outcome
 from placement_planner_ros.core.types import Verdict
@@ -56,16 +55,12 @@ class Checker:
     def __init__(self):
         self.asked = []
 
-    def check_all(self, draws, best, goals, should_stop):
+    def check_batch(self, draws, best, goals, should_stop):
         columns = (draws.arm, draws.grasp, draws.face, *draws.contact.T, draws.angle)
         self.asked += zip(*columns, strict=True)
         found = [judge(*one) for one in zip(draws.arm, draws.contact, draws.angle, strict=True)]
         verdicts = np.array([verdict_of(*one, best) for one in found])
-        return Outcome(verdicts, np.array([v for _, v in found]), [], [t for t, _ in found])
-
-    def check_batch(self, draws, best, goals, should_stop):
-        outcome = self.check_all(draws, best, goals, should_stop)
-        return Outcome(outcome.verdicts, outcome.values, [])
+        return Outcome(verdicts, np.array([v for _, v in found]), [])
 
 
 class Letter:
@@ -75,8 +70,8 @@ class Letter:
     are added in the order of ξ, so that sums are rounded alike and equals stay equals.
     """
 
-    def __init__(self, afr, c, reward, rng):
-        self.afr, self.c, self.reward, self.rng = afr, c, reward, rng
+    def __init__(self, afr, c, rng):
+        self.afr, self.c, self.rng = afr, c, rng
         self.nodes, self.parents, self.children, self.missing = [afr.root], [None], [[]], {}
         self.v, self.r, self.samples, self.asked = [0], [0.0], [], []
         self.best, self.lost_at_inner_nodes = -math.inf, 0
@@ -105,11 +100,7 @@ class Letter:
         verdict = verdict_of(terms, value, best)
         if self.afr.child_count(self.nodes[n]) == 0:
             return float(verdict is Verdict.FEASIBLE)
-        if self.reward == "checks_passed":
-            return (verdict - (verdict > Verdict.BREAKS_RULE)) / 9
-        reached, arm_free, object_free, stable = terms
-        better = object_free and stable and value > best
-        return (arm_free + object_free + stable + better) / 4 if reached else 0.0
+        return (verdict - (verdict > Verdict.BREAKS_RULE)) / 9
 
     def select_afr_node(self):
         n = 0
@@ -147,15 +138,12 @@ class Letter:
         return len(self.nodes) - 1
 
 
-@pytest.mark.parametrize("reward", ["checks_passed", "four_term"])
 @pytest.mark.parametrize("c", [0.1, 0.7])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_batch_of_one_selects_rewards_and_counts_as_the_paper_does(reward, c, seed):
+def test_a_batch_of_one_selects_rewards_and_counts_as_the_paper_does(c, seed):
     afr = AfrHierarchy([2, 1], 2, plane(), HierarchySettings(min_area=0.002, min_angle=0.8))
-    letter = Letter(afr, c, reward, np.random.default_rng(seed))
-    settings = MctsSettings(
-        samples_per_call=150, goals_per_call=10**6, batch=1, exploration=c, reward=reward
-    )
+    letter = Letter(afr, c, np.random.default_rng(seed))
+    settings = MctsSettings(samples_per_call=150, goals_per_call=10**6, batch=1, exploration=c)
     checker = Checker()
     made = MctsSampler(afr, checker, settings, np.random.default_rng(seed))
     for best in (-math.inf, -0.12, -0.06, -0.03):
@@ -194,10 +182,3 @@ def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
     demoted = checks_passed(Verdict.FEASIBLE, better=False)
     assert demoted == checks_passed(Verdict.NOT_BETTER)
     assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)
-
-
-def test_four_term_reward_is_the_authors_form():
-    assert four_term((True, True, True, True), better=True) == 1.0
-    assert four_term((True, True, True, True), better=False) == 0.75
-    assert four_term((False, False, True, True), better=True) == 0.0
-    assert four_term((True, True, True, False), better=True) == 0.5

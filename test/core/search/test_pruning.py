@@ -12,14 +12,17 @@ from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import (
     LOWER,
     UPPER,
+    PoseSets,
     halved_cells,
-    whole_cells,
+    sets_of,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
+from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import Verdict
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
@@ -38,7 +41,7 @@ def hierarchy(problem) -> AfrHierarchy:
 
 def random_cells(problem, rng: np.random.Generator) -> np.ndarray:
     """Cells of every size: each whole one, and one branch of its parts per cell down to leaves."""
-    level = whole_cells(hierarchy(problem))
+    level = hierarchy(problem).sets.cells
     cells = [level]
     for _ in range(6):
         parts = halved_cells(level).reshape(len(level), 8, -1)
@@ -47,16 +50,14 @@ def random_cells(problem, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate(cells)
 
 
-def poses_in(cells: np.ndarray, rng: np.random.Generator, of_each: int):
+def poses_in(sets: PoseSets, cells: np.ndarray, rng: np.random.Generator, of_each: int):
     """Faces, contacts and angles of random poses, as many of each cell, its corners among them."""
     low, high = cells[:, None, LOWER], cells[:, None, UPPER]
     share = rng.random((len(cells), of_each, 3))
     share[:, : of_each // 2] = share[:, : of_each // 2].round()
-    place = low + share * (high - low)
-    faces = np.repeat(cells[:, 0].astype(np.int64), of_each)
-    z = np.repeat(cells[:, 1], of_each)
-    flat = place.reshape(-1, 3)
-    return faces, np.column_stack([flat[:, :2], z]), flat[:, 2]
+    places = (low + share * (high - low)).reshape(-1, 3)
+    draws = sets.draws(np.repeat(sets_of(cells), of_each), places)
+    return draws.face, draws.contact, draws.angle
 
 
 def planner_of(problem, objective, prune=True) -> PlacementPlanner:
@@ -71,7 +72,7 @@ def sampled(cabinet):
     problem, _ = cabinet
     rng = np.random.default_rng(0)
     cells = random_cells(problem, rng)
-    return cells, poses_in(cells, rng, 16)
+    return cells, poses_in(hierarchy(problem).sets, cells, rng, 16)
 
 
 def tip_poses(robot, q_rest, arm, Q):
@@ -88,16 +89,14 @@ def cell_around(face, contact, angle, rng):
     size = rng.choice([0.0, 0.03, 0.3]) * rng.random(2)
     turn = rng.choice([0.0, 0.1, 1.0, 1.0]) * rng.uniform(0.0, 2.0 * np.pi)
     low = np.array([*contact[:2], angle]) - rng.random(3) * [*size, turn]
-    cell = np.array([face, contact[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    cell[LOWER], cell[UPPER] = low, low + np.array([*size, turn])
-    return cell
+    return PoseSets.cells_between(np.array([face]), low[None], low[None] + [*size, turn])[0]
 
 
 def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
     """Objects as pinocchio puts them, each on a face of its own, with the arms stretched out."""
     problem, objective = cabinet
     rng = np.random.default_rng(4)
-    faces, cells, away = [], [], []
+    faces, regions, cells, away = [], [], [], []
     for arm in problem.arms:
         Q = rng.uniform(arm.lower + 0.002, arm.upper - 0.002, (4000, arm.dof))
         tips = list(tip_poses(problem.robot, problem.q_start, arm, Q))
@@ -108,6 +107,7 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
             contact, angle = T.act(rng.uniform(-0.1, 0.1, 3)), rng.uniform(0.0, 2.0 * np.pi)
             placed = pin.SE3(pin.utils.rotate("z", angle), contact)
             faces.append(replace(problem.body.faces[0], T_face_object=placed.inverse() * T))
+            regions.append(Region(np.array([[0.0, 0.0, 1.0, 1.0]]), contact[2]))
             cells.append(cell_around(len(faces) - 1, contact, angle, rng))
             outward = contact[:2] - shoulder[:2]
             at = np.array([*(contact[:2] + outward / np.linalg.norm(outward)), angle])
@@ -116,9 +116,10 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
     standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
     reach = planner_of(standing, objective)._bounds._reach  # at heights where nothing else is known
     assert len(cells) == 600
-    assert not reach.out_of_reach(PlacedCells(np.array(cells))).any()
+    sets = PoseSets(regions, [(k, k, 0.0, 1.0) for k in range(len(regions))])
+    assert not reach.out_of_reach(PlacedCells(sets, np.array(cells))).any()
     # A metre further out there is nothing but the bound to tell.
-    assert reach.out_of_reach(PlacedCells(np.array(away))).mean() > 0.9
+    assert reach.out_of_reach(PlacedCells(sets, np.array(away))).mean() > 0.9
 
 
 def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
@@ -130,7 +131,7 @@ def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     stable = verdicts.reshape(len(cells), -1) > Verdict.UNSTABLE
     assert stable.any()
     assert not stable[rulings == Ruling.UNSUPPORTED].any()
-    small = slice(-len(whole_cells(hierarchy(problem))), None)
+    small = slice(-len(hierarchy(problem).sets.cells), None)
     never = ~stable[small].any(axis=1) & (rulings[small] != Ruling.OUT_OF_REACH)
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
 
@@ -152,16 +153,13 @@ def test_what_is_ruled_out_need_not_be_left_out_of_the_search(cabinet, prune):
 class Treasures:
     """Nothing is possible but at a few poses; a cell is open where it holds one of them."""
 
+    bounded, turn_radius = False, 0.1
+
     def __init__(self, problem, rng, count) -> None:
-        regions = problem.environment.regions
-        faces = rng.integers(len(problem.body.faces), size=count)
-        rows = rng.integers(len(regions), size=count)
-        contacts = np.array([regions[k].sample(rng) for k in rows]).reshape(-1, 3)
-        self.at = np.column_stack([faces, contacts[:, 2]])
-        self.place = np.column_stack([contacts[:, :2], rng.uniform(0.0, 2.0 * np.pi, count)])
+        self.at, self.place = UniformPoses(hierarchy(problem), rng).draw(count)
 
     def rulings(self, cells):
-        here = (cells[:, None, :2] == self.at).all(axis=-1)
+        here = cells[:, :1] == self.at
         here &= (cells[:, None, LOWER] <= self.place).all(axis=-1)
         here &= (cells[:, None, UPPER] >= self.place).all(axis=-1)
         return np.where(here.any(axis=1), Ruling.OPEN, Ruling.UNSUPPORTED)

@@ -27,8 +27,6 @@ from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSet
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import Goal, Verdict
 
-"""The checks that H counts: rules of users and ξ are one."""
-
 
 def never() -> bool:
     return False
@@ -61,11 +59,6 @@ class CornerChecker:
             return Verdict.NOT_BETTER, value
         reached = arm in (1, -1) and angle <= np.pi / 2
         return Verdict.FEASIBLE if reached else Verdict.NO_IK, value
-
-    def check_all(self, draws, best, goals, should_stop) -> Outcome:
-        outcome = self.check_batch(draws, best, goals, should_stop)
-        reached = outcome.verdicts == Verdict.FEASIBLE
-        return replace(outcome, terms=[(bool(r), bool(r), True, True) for r in reached])
 
 
 def hierarchy(**settings) -> AfrHierarchy:
@@ -284,8 +277,6 @@ def test_wrong_settings_are_refused():
         OptimisticSettings(uniform_share=1.0)
     with pytest.raises(ParameterError, match="even_share"):
         OptimisticSettings(even_share=1.1)
-    with pytest.raises(ParameterError, match="reward"):
-        MctsSettings(reward="best")
     with pytest.raises(ParameterError, match="angle_intervals"):
         HierarchySettings(angle_intervals=1)
 
@@ -388,7 +379,7 @@ def test_what_a_stop_leaves_unchecked_counts_as_never_drawn(kind):
             outcome = replace(outcome, verdicts=outcome.verdicts[:7], values=outcome.values[:7])
         return outcome
 
-    made._check = stopping
+    checker.check_batch = stopping
     made.sample_goals(0.5, lambda: len(sizes) == 2)
     assert sizes == [16, 16]
     assert made.count.samples == sum(made.count.verdicts.values()) == 23
