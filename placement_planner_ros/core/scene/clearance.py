@@ -341,30 +341,29 @@ def _face_distances(
 
 @kernel(nogil=True)
 def _raise_to_slope(values: Field, pixel: np.float32) -> None:
-    """Raise (nx, ny, ...) values to where neighbours are no further apart than their distance."""
-    nx, ny = values.shape[0], values.shape[1]
-    slices = values.shape[2]
+    """Raise (slices, nx, ny, 2) values to where pixels are no further apart than their distance."""
+    slices, nx, ny, faces = values.shape
     straight, aslant = pixel, pixel * np.float32(math.sqrt(2.0))
-    # two sweeps hand the higher values on, against each other
-    for sweep in range(2):
-        step = 1 - 2 * sweep
-        for row in range(nx):
-            i = row if step > 0 else nx - 1 - row
-            m = i - step
-            for column in range(ny):
-                j = column if step > 0 else ny - 1 - column
-                for s in range(slices):
-                    for face in range(2):
-                        least = values[i, j, s, face]
-                        if 0 <= m < nx:
-                            least = max(least, values[m, j, s, face] - straight)
-                            if j > 0:
-                                least = max(least, values[m, j - 1, s, face] - aslant)
-                            if j + 1 < ny:
-                                least = max(least, values[m, j + 1, s, face] - aslant)
-                        if 0 <= j - step < ny:
-                            least = max(least, values[i, j - step, s, face] - straight)
-                        values[i, j, s, face] = least
+    for layer in range(slices * faces):
+        s, face = layer // faces, layer % faces
+        # two sweeps hand the higher values on, against each other
+        for sweep in range(2):
+            step = 1 - 2 * sweep
+            for row in range(nx):
+                i = row if step > 0 else nx - 1 - row
+                m = i - step
+                for column in range(ny):
+                    j = column if step > 0 else ny - 1 - column
+                    least = values[s, i, j, face]
+                    if 0 <= m < nx:
+                        least = max(least, values[s, m, j, face] - straight)
+                        if j > 0:
+                            least = max(least, values[s, m, j - 1, face] - aslant)
+                        if j + 1 < ny:
+                            least = max(least, values[s, m, j + 1, face] - aslant)
+                    if 0 <= j - step < ny:
+                        least = max(least, values[s, i, j - step, face] - straight)
+                    values[s, i, j, face] = least
 
 
 @kernel(lean=True)
