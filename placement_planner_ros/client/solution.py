@@ -36,6 +36,7 @@ class Solution:
         words: all this for people.
         unseen: share of the way, of arm and object, through space in and around the target volume
             that no sensor looked at; None where no sensor's place is known.
+        gap: ξ that can be had at most beyond this one's; None where that is not known.
     """
 
     run: int
@@ -53,6 +54,7 @@ class Solution:
     validity: Validity
     words: str
     unseen: float | None = None
+    gap: float | None = None
 
 
 def solution_of(
@@ -86,4 +88,5 @@ def solution_of(
         validity,
         status.message,
         float(values["unseen"]) if "unseen" in values else None,
+        float(values["gap"]) if "gap" in values else None,
     )

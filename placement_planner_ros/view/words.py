@@ -76,6 +76,8 @@ def heading_html(record: RunRecord, absent: str) -> str:
     )
     count = _sample_count(record.samples, status.solutions, status.ended)
     parts = [f"Run …{str(record.run)[-6:]} {badge}", count]
+    if gap := status.values.get("gap"):
+        parts.append(f"nothing is better by more than {float(gap):.3g}")
     if empty:
         parts.append(escape(status.message))
     return _html_block("<br>".join(parts), "#222")

@@ -158,6 +158,8 @@ class Outputs:
         } | {f"term.{name}": value for name, value in placement.terms}
         if placement.unseen is not None:
             values["unseen"] = f"{placement.unseen:.4f}"
+        if placement.gap is not None:
+            values["gap"] = placement.gap
         words = (
             f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to "
             + "{:.3f} {:.3f} {:.3f}".format(*T.translation)

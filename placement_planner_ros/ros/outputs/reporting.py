@@ -273,8 +273,11 @@ def _tried(run: Run) -> dict[str, object]:
         return {}
     statistics = run.planner.statistics
     by = {f"face_{face}": counts for face, counts in statistics.rejected_by_face.items()}
+    unreached, most = statistics.missed if statistics.solutions else (0, 0.0)
     return {
         "samples": statistics.samples,
+        **({} if statistics.gap is None else {"gap": statistics.gap}),
+        **({"unreached_better": unreached, "unreached_best": most} if unreached else {}),
         **{f"rejected_{name}": count for name, count in statistics.rejected.items()},
         **{
             f"rejected.{name}": " ".join(f"{why}={count}" for why, count in counts.items())
