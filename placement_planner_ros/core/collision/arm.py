@@ -46,7 +46,7 @@ from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.robot.surface import Solid, nearest
+from placement_planner_ros.core.robot.overlap import nearest
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
@@ -418,7 +418,7 @@ class ArmCollision:
         kind, a, b = self._scratch.hit.tolist()
         return kind, a, b
 
-    def _part(self, s: int) -> tuple[Solid, coal.Transform3s]:
+    def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
         body = self._flat.bodies[self._flat.set_body[s]]
         part = body.parts[self._flat.set_part[s]]
         T = part.T_world_part

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -11,7 +12,6 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
-from placement_planner_ros.core.robot.surface import Solid
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -24,7 +24,7 @@ class Part:
     """A piece of geometry of a body, in the world with all arm joints at zero."""
 
     shape: Shape
-    geometry: Solid
+    geometry: coal.CollisionGeometry
     T_world_part: pin.SE3
 
 

@@ -19,7 +19,7 @@ from placement_planner_ros.core.collision.object_kernels import (
 from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
-from placement_planner_ros.core.robot.surface import meet
+from placement_planner_ros.core.robot.overlap import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,14 +13,15 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
+from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.geometry import triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, outermost, triangles_of
-from placement_planner_ros.core.robot.surface import PIECE, Solid, Surface
+from placement_planner_ros.core.robot.overlap import MeshSurface, Overlaps
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -39,7 +39,7 @@ class ObjectSolid:
     """
 
     shape: Shape
-    geometry: Solid
+    geometry: coal.CollisionGeometry
     corners: Array
     mesh: CoveredMesh | None = None
 
@@ -47,7 +47,12 @@ class ObjectSolid:
     def around(self) -> Array | None:
         """(t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet."""
         closed = self.mesh is not None and self.mesh.cover.closed
-        return triangles_of(self.geometry) if closed else None
+        return self.triangles if closed else None
+
+    @property
+    def triangles(self) -> Array | None:
+        """(t, 3, 3) of a mesh; None where it is convex."""
+        return None if self.mesh is None else self.mesh.vertices[self.mesh.triangles]
 
 
 @weak_lru_cache("body", maxsize=1)
@@ -62,25 +67,9 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     # What is a mesh, by its cover.
     if body.mesh is not None:
         shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
-        solids.append(
-            ObjectSolid(shape, _coal_surface(shape, body.mesh), body.mesh.vertices, body.mesh)
-        )
+        surface = triangle_geometry(body.mesh.vertices, body.mesh.triangles)
+        solids.append(ObjectSolid(shape, surface, body.mesh.vertices, body.mesh))
     return tuple(solids)
-
-
-def _coal_surface(shape: Shape, mesh: CoveredMesh) -> Surface:
-    """A mesh for coal, in pieces of whole leaves of its tree."""
-    assert shape.mesh is not None
-    corners, leaves = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.leaves
-    # As many pieces as keep each of a size that coal reads well.
-    pieces = 1
-    while len(corners) > pieces * PIECE:
-        pieces *= 2
-    # A point of each connected piece.
-    connected = [
-        outermost(mesh.vertices[first:end]) for first, end in itertools.pairwise(mesh.pieces)
-    ]
-    return Surface(corners, leaves[:: max(1, (len(leaves) - 1) // pieces)], connected)
 
 
 def object_arrays(body: Body) -> ObjectArrays:
@@ -95,7 +84,13 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]
     solids = object_solids(body)
-    return Overlaps([*links, *(solid.geometry for solid in solids)])
+    surfaces = [
+        None if each.triangles is None else MeshSurface(each.triangles, MAX_PIECES)
+        for each in solids
+    ]
+    return Overlaps(
+        [*links, *(solid.geometry for solid in solids)], [*(None for _ in links), *surfaces]
+    )
 
 
 def depths_in_links(

@@ -34,8 +34,7 @@ from placement_planner_ros.core.errors import GraspError, PlacementPlannerError,
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
-from placement_planner_ros.core.robot.surface import Solid, meet
+from placement_planner_ros.core.robot.overlap import Overlaps, meet, winding_number
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
@@ -48,7 +47,7 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
-_Thing = tuple[str, Solid, coal.Transform3s, Array | None]
+_Thing = tuple[str, coal.CollisionGeometry, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
 _NAMED_PAIRS = 3
 """Pairs of links that are named at most."""

@@ -13,7 +13,6 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.robot.geometry import LinkCover
-from placement_planner_ros.core.robot.surface import Solid, Surface, contact, meet, nearest
 from placement_planner_ros.core.types import Array, frozen_array
 
 MAX_PIECES = 32
@@ -29,15 +28,58 @@ ROUNDING_M = 1e-9
 """Metres."""
 
 
+def meet(
+    a: coal.CollisionGeometry,
+    T_world_a: coal.Transform3s,
+    b: coal.CollisionGeometry,
+    T_world_b: coal.Transform3s,
+    margin: float = 0.0,
+) -> bool:
+    """Whether two shapes are closer than `margin` metres."""
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    return bool(coal.collide(a, T_world_a, b, T_world_b, request, coal.CollisionResult()))
+
+
+def contact(
+    a: coal.CollisionGeometry,
+    T_world_a: coal.Transform3s,
+    b: coal.CollisionGeometry,
+    T_world_b: coal.Transform3s,
+) -> Array | None:
+    """(3,) a point at which the surfaces of two shapes meet; None where they do not."""
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = True
+    coal.collide(a, T_world_a, b, T_world_b, request, result)
+    return np.array(result.getContact(0).pos) if result.numContacts() else None
+
+
+def nearest(
+    a: coal.CollisionGeometry,
+    T_world_a: coal.Transform3s,
+    b: coal.CollisionGeometry,
+    T_world_b: coal.Transform3s,
+) -> coal.DistanceResult:
+    """How far apart two shapes are, and where; of others than solids that overlap, `min_distance`
+    need not say how deep."""
+    result = coal.DistanceResult()
+    coal.distance(a, T_world_a, b, T_world_b, coal.DistanceRequest(), result)
+    return result
+
+
 class MeshSurface:
     """The triangles (t, 3, 3) of a mesh, metres.
 
     Made once for all that ask about the same mesh: of 100,000 triangles pieces take 0.1 s, and to
     get triangles back from coal one by one 0.4 s.
+
+    Args:
+        most: pieces of it, the largest.
     """
 
-    def __init__(self, triangles: Array) -> None:
+    def __init__(self, triangles: Array, most: int = MAX_PIECES) -> None:
         self.triangles = triangles
+        self._most = most
 
     @cached_property
     def pieces(self) -> tuple[Array, ...]:
@@ -45,7 +87,7 @@ class MeshSurface:
         first."""
         rows = np.arange(self.triangles.size // 3).reshape(-1, 3)
         made = Components.of(self.triangles.reshape(-1, 3), rows)
-        largest = np.argsort(-np.bincount(made.label), kind="stable")[:MAX_PIECES]
+        largest = np.argsort(-np.bincount(made.label), kind="stable")[: self._most]
         pieces = (made.corners[made.label == k].reshape(-1, 3) for k in largest)
         return tuple(map(outermost, pieces))
 
@@ -65,7 +107,7 @@ class Overlaps:
 
     def __init__(
         self,
-        shapes: Sequence[Solid],
+        shapes: Sequence[coal.CollisionGeometry],
         surfaces: Sequence[MeshSurface | None] = (),
     ) -> None:
         self.shapes = list(shapes)
@@ -217,9 +259,7 @@ class Overlaps:
     def _pieces_of(self, i: int) -> tuple[Array, ...]:
         if i not in self._pieces:
             shape = self.shapes[i]
-            if isinstance(shape, Surface):
-                self._pieces[i] = shape.connected
-            elif is_mesh(shape):
+            if is_mesh(shape):
                 self._pieces[i] = self._surface_of(i).pieces
             else:
                 self._pieces[i] = (self.centers[i : i + 1],)
@@ -237,15 +277,13 @@ def _surfaces_of(covers: tuple[LinkCover | None, ...]) -> tuple[MeshSurface | No
     return tuple(None if cover is None else made[cover] for cover in covers)
 
 
-def is_mesh(shape: Solid) -> bool:
+def is_mesh(shape: coal.CollisionGeometry) -> bool:
     """Whether it is a surface, which to coal has no inside."""
-    return isinstance(shape, (coal.BVHModelBase, Surface))
+    return isinstance(shape, coal.BVHModelBase)
 
 
-def corners_of(shape: Solid) -> Array:
+def corners_of(shape: coal.CollisionGeometry) -> Array:
     """(n, 3) points whose hull holds a shape, metres."""
-    if isinstance(shape, Surface):
-        return shape.boxes.reshape(-1, 3)
     if isinstance(shape, coal.BVHModelBase):
         return np.array(shape.vertices()).reshape(-1, 3)
     if isinstance(shape, coal.ConvexBase):
@@ -254,10 +292,8 @@ def corners_of(shape: Solid) -> Array:
     return np.array(list(product(*zip(box.min_, box.max_, strict=True))))
 
 
-def triangles_of(mesh: coal.BVHModelBase | Surface) -> Array:
+def triangles_of(mesh: coal.BVHModelBase) -> Array:
     """(t, 3, 3) corners of a mesh's triangles, metres."""
-    if isinstance(mesh, Surface):
-        return mesh.corners
     vertices = np.array(mesh.vertices()).reshape(-1, 3)
     rows = (mesh.tri_indices(k) for k in range(mesh.num_tris))
     indices = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64).reshape(-1, 3)

@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import ParameterError, listed
 from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.surface import nearest
+from placement_planner_ros.core.robot.overlap import nearest
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.robot_picture import draw_robot
