@@ -279,50 +279,37 @@ def _name_of(element: ET.Element) -> str:
 
 
 def _check_tree(root: ET.Element) -> None:
-    links = [_name_of(e) for e in root.findall("link")]
-    if not links:
-        raise RobotError("robot_description", root.get("name"), "has no links")
-    if len(links) > MAX_LINKS:
-        raise RobotError(
-            "robot_description",
-            f"{len(links)} links",
-            f"a robot may have {MAX_LINKS}",
-        )
+    links, joints = ([_name_of(e) for e in root.findall(tag)] for tag in ("link", "joint"))
+    if not 0 < len(links) <= MAX_LINKS:
+        words = f"{len(links)} links"
+        raise RobotError("robot_description", words, f"a robot has 1 to {MAX_LINKS}")
+    twice = [name for names in (links, joints) for name in set(names) if names.count(name) > 1]
+    if twice:
+        raise RobotError("robot_description", min(twice), "occurs twice; names are unique")
     parents: dict[str, str] = {}
-    for names in (links, [_name_of(e) for e in root.findall("joint")]):
-        for name in names:
-            if names.count(name) > 1:
-                raise RobotError("robot_description", name, "occurs twice; names are unique")
-    for joint in root.findall("joint"):
-        ends = {}
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            link = element.get("link") if element is not None else None
-            if link not in links:
-                raise RobotError(
-                    f"joint {_name_of(joint)}: {end}", link, "name a link of this description"
-                )
-            ends[end] = str(link)
-        if ends["child"] in parents:
-            raise RobotError(
-                f"link {ends['child']}", _name_of(joint), "a link is the child of one joint only"
-            )
-        parents[ends["child"]] = ends["parent"]
+    for name, joint in zip(joints, root.findall("joint"), strict=True):
+        parent, child = (_end_of(joint, end, links) for end in ("parent", "child"))
+        if child in parents:
+            raise RobotError(f"link {child}", name, "a link is the child of one joint only")
+        parents[child] = parent
     roots = [link for link in links if link not in parents]
-    if not roots:
-        raise RobotError(
-            f"link {links[0]}", parents[links[0]], "the joints above it form a loop, as all do"
-        )
     if len(roots) > 1:
         raise RobotError(
             "robot_description", roots, "are the roots of several trees; add a fixed joint between"
         )
-    for link in links:
-        above = link
-        for _ in links:
-            above = parents.get(above, roots[0])
-        if above != roots[0]:
-            raise RobotError(f"link {link}", above, "the joints above it form a loop")
+    reached: set[str] = set(roots)
+    while more := {link for link in parents if parents[link] in reached} - reached:
+        reached |= more
+    if looped := [link for link in links if link not in reached]:
+        raise RobotError(f"link {looped[0]}", parents[looped[0]], "the joints above it form a loop")
+
+
+def _end_of(joint: ET.Element, end: str, links: list[str]) -> str:
+    element = joint.find(end)
+    link = None if element is None else element.get("link")
+    if link not in links:
+        raise RobotError(f"joint {_name_of(joint)}: {end}", link, "name a link of this description")
+    return link
 
 
 def _number_in(element: ET.Element | None, attribute: str, default: float, field: str) -> float:
