@@ -101,7 +101,7 @@ def test_one_coordinate_per_joint():
     [
         ("not xml", "robot_description.*XML"),
         ("<sdf/>", "root element is <robot>"),
-        (urdf(), "no links"),
+        (urdf(), "a robot has 1 to"),
         (urdf(link("a"), link("a")), "'a'.*twice"),
         (urdf(link("a"), link("b")), "several trees"),
         (urdf(link("a"), joint("j", "a", "b")), "joint j: child = 'b'"),
