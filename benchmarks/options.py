@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from benchmarks.cases import OBJECTIVES, Case
-from benchmarks.yardstick.placement_grid import GridResolution
 from placement_planner_ros.scenes.objects import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -38,17 +36,6 @@ def add_job_options(parser: argparse.ArgumentParser, folder: str) -> None:
     """`--processes` and `--output`."""
     parser.add_argument("--processes", type=int, default=1, help="that share the runs")
     parser.add_argument("--output", type=Path, default=Path(folder))
-
-
-def add_grid_options(parser: argparse.ArgumentParser, step: float, turn: float) -> None:
-    """`--step` (mm) and `--turn` (degrees) of a dense search, with these defaults."""
-    parser.add_argument("--step", type=float, default=step, help="of the grid's positions, mm")
-    parser.add_argument("--turn", type=float, default=turn, help="of the grid's angles, degrees")
-
-
-def grid_resolution(arguments: argparse.Namespace) -> GridResolution:
-    """The one that the grid options name."""
-    return GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
 
 
 def add_table_options(

@@ -14,14 +14,12 @@ from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
 from benchmarks.options import (
     add_case_options,
-    add_grid_options,
     add_job_options,
-    grid_resolution,
     wanted_cases,
 )
 from benchmarks.record import RUNS_FILE, Trial, describe_run, run_trial
 from benchmarks.variants import PAPER_VARIANTS, VARIANTS
-from benchmarks.yardstick.dense_search import (
+from benchmarks.yardstick.exhaustive_search import (
     YardstickJob,
     case_of,
     describe_yardstick,
@@ -64,15 +62,14 @@ def add_evaluation_commands(commands: Any) -> None:
     paper.set_defaults(command_function=_run_paper)
 
     yardstick = commands.add_parser(
-        "yardstick", help="search each case densely for the best placement; takes minutes per case"
+        "yardstick", help="search each case exhaustively for the best; takes minutes per case"
     )
     yardstick.add_argument("--preset", choices=tuple(PRESETS), default="quick")
-    add_grid_options(yardstick, 5.0, 2.0)
     yardstick.add_argument(
         "--seconds",
         type=float,
         default=300.0,
-        help="processor time for reaching the best ones, per objective",
+        help="processor time per case",
     )
     add_case_options(yardstick)
     add_job_options(yardstick, _FOLDER)
@@ -118,17 +115,11 @@ def _run_paper(arguments: argparse.Namespace) -> int:
 
 
 def _run_yardstick(arguments: argparse.Namespace) -> int:
-    """Objectives of one scene and object share the grid; those that are recorded are left out."""
+    """Cases that are recorded are left out."""
     path = arguments.output / YARDSTICK_FILE
     known = {case_of(entry) for entry in read_lines(path)}
-    wanted: dict[tuple[str, str], list[str]] = {}
-    for case in wanted_cases(PRESETS[arguments.preset].cases, arguments):
-        if case not in known:
-            wanted.setdefault((case.scene, case.object), []).append(case.objective)
-    jobs = [
-        YardstickJob(*of, tuple(objectives), grid_resolution(arguments), arguments.seconds)
-        for of, objectives in wanted.items()
-    ]
+    cases = wanted_cases(PRESETS[arguments.preset].cases, arguments)
+    jobs = [YardstickJob(case, arguments.seconds) for case in cases if case not in known]
     say(f"{len(known)} cases are recorded in {path}")
     run_jobs(measure_yardstick, jobs, path, describe_yardstick, arguments.processes)
     return 0

@@ -113,5 +113,5 @@ def _scale_of(
         if other == case:
             known += [float(r["solutions"][-1]["objective"]) for r in group if r["solutions"]]
     if not known:
-        raise ParameterError("runs", str(case), "was solved by no run and no dense search")
+        raise ParameterError("runs", str(case), "was solved by no run and no exhaustive search")
     return Scale(max(known), float(yardstick["random"]))

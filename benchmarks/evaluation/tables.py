@@ -165,11 +165,11 @@ def gap_table(results: EvaluationResults) -> TextTable:
         cells += [f"{each(reached):.2f}" if len(reached) else "" for each in (np.mean, np.min)]
         rows.append(cells)
     header = (
-        "case", "ξ random [m]", "ξ dense search [m]", "ξ best run [m]", "by",
+        "case", "ξ random [m]", "ξ exhaustive search [m]", "ξ best run [m]", "by",
         f"{REFERENCE} after {results.horizon:g} s, mean", "worst run",
     )  # fmt: skip
     note = "Relative objective: 0 is the median of random feasible placements, 1 the best known by "
-    return TextTable(header, rows, note + "the dense search or any run.")
+    return TextTable(header, rows, note + "the exhaustive search or any run.")
 
 
 def failure_table(results: EvaluationResults) -> TextTable:

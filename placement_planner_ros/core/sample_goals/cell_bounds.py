@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -83,16 +84,23 @@ class BranchBounds:
         objective: Objective,
     ) -> None:
         self._sets = sets
+        self._poses, self._objective = poses, objective
         self._reach = _Reach(poses.problem.body, holdings)
-        self._support = SupportBound(poses)
-        self._overlap = OverlapBound(poses)
-        self._objective = objective
         faces = poses.problem.body.faces
         self._T_face_object = np.array([f.T_face_object.homogeneous for f in faces])
         self.required = RequiredBound(poses)
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
         self.bounded = isinstance(objective, SlowObjective) and objective.bounded
+
+    @cached_property
+    def _support(self) -> SupportBound:
+        """Made once it is asked for: the first placement is often found before."""
+        return SupportBound(self._poses)
+
+    @cached_property
+    def _overlap(self) -> OverlapBound:
+        return OverlapBound(self._poses)
 
     def placed(self, cells: Array) -> PlacedCells:
         """Where cells (n, 7) put the body."""
