@@ -149,6 +149,10 @@ class Outline:
         found = [_upright_box(T, tree, padding + ROUNDING_M) for T, tree, padding in self.placed]
         return np.array(found).reshape(-1, 2, 3)
 
+    def near(self, points: Array) -> npt.NDArray[np.int64]:
+        """Rows of the points (n, 3) in the upright boxes around these."""
+        return _in_boxes(np.ascontiguousarray(points), self.boxes())
+
     def outside(self, points: Array) -> Mask:
         """Which of the (n, 3) points are neither in it nor within its padding."""
         return ~self.look(points).padded

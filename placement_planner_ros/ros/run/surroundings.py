@@ -16,6 +16,7 @@ from placement_planner_ros.core.scene.environment import Environment, require_ro
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.self_filter import (
     Outline,
     held_outlines,
@@ -75,7 +76,8 @@ class Surroundings:
         if snapshot.parameters["self_filter.enabled"]:
             measured = [np.full(len(cloud.points), not cloud.part.placed) for cloud in clouds]
             rows = np.flatnonzero(np.concatenate(measured))
-            kept[rows], near = _beside_robot(snapshot, points[rows])
+            clouds_measured = [cloud.points for cloud in clouds if not cloud.part.placed]
+            kept[rows], near = _beside_robot(snapshot, clouds_measured)
         bounds = _workspace(snapshot)
         if before is not None and before._took_from_clouds(snapshot, kept):
             taken = before.points, near, bounds, before.sights, before.disagreements
@@ -193,13 +195,15 @@ class Surroundings:
         return made.with_disagreements(self.disagreements).with_near(self.near)
 
 
-def _beside_robot(snapshot: Snapshot, points: Array) -> tuple[Mask, NearPoints]:
-    """Which of points (n, 3) are not near the robot; of the others, what may be something else."""
+def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints]:
+    """Which of the points (n, 3) of clouds are not near the robot, one cloud after the other; of
+    the others, what may be something else. Each cloud is laid on the robot that it shows."""
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
     clear = parameters.planner_settings.collision.clear
+    points = np.vstack([np.zeros((0, 3)), *(each - camera_shift(robot, each) for each in clouds)])
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
 

@@ -1,0 +1,65 @@
+"""How far a camera is off, by the robot that it shows; what stands beside is no robot for that."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.pictures.picture import robot_meshes
+from placement_planner_ros.ros.inputs.camera_shift import camera_shift
+from placement_planner_ros.ros.inputs.self_filter import Outline, near_points
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
+
+ROBOT = load_yumi()
+Q = ROBOT.configuration(START_CONFIGURATION)
+OUTLINE = Outline.of_robot(ROBOT, Q, 0.02)
+EYE = np.array([0.8, -0.9, 0.9])
+
+
+def seen(shift, deviation=0.001, links=None):
+    """Points on what of the robot faces the eye."""
+    found = []
+    for number, mesh in enumerate(robot_meshes(ROBOT, Q, ())):
+        if links is not None and ROBOT.geometry_links[number] not in links:
+            continue
+        made = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+        points, faces = trimesh.sample.sample_surface(made, int(made.area / 2e-5), seed=number)
+        facing = np.einsum("ij,ij->i", made.face_normals[faces], EYE - points) > 0.0
+        found.append(points[facing])
+    points = np.vstack(found)
+    points = points[OUTLINE.look(points).apart < 1e-6]  # not those within another link
+    return points + shift + np.random.default_rng(0).normal(0.0, deviation, points.shape)
+
+
+@pytest.mark.parametrize(
+    "shift", [(0.0035, 0.0, 0.0), (0.0, -0.003, 0.003), (-0.002, 0.002, -0.003)]
+)
+def test_an_ordinary_calibration_is_known_by_the_robot(shift):
+    assert camera_shift(OUTLINE, seen(shift)) == pytest.approx(np.array(shift), abs=6e-4)
+
+
+def test_what_is_true_or_off_by_more_is_left_as_it_is():
+    assert not camera_shift(OUTLINE, seen(0.0)).any()
+    assert not camera_shift(OUTLINE, seen((0.0, 0.0, 0.015))).any()
+    assert not camera_shift(OUTLINE, np.zeros((0, 3))).any()
+
+
+def test_a_board_beside_the_arm_is_not_its_surface():
+    """It hides all that it is in front of, and is nearer than a camera may be off."""
+    look = OUTLINE.look(seen(0.0, 0.0))
+    link = "yumi_body"
+    body = seen(0.0, 0.0, links=[link])
+    flat = body[np.abs(body[:, 0] - body[:, 0].max()) < 0.03]
+    assert len(look.apart) > len(flat) > 0
+    board = flat * (0.0, 1.0, 1.0) + (body[:, 0].max() + 0.004, 0.0, 0.0)
+    assert not camera_shift(OUTLINE, board).any()
+    assert not camera_shift(OUTLINE, np.vstack([seen(0.0), board])).any()
+
+
+def test_what_is_its_own_is_no_obstacle_once_it_is_laid_on_the_robot():
+    points = seen((0.0, -0.003, 0.003))
+    grid = GridSettings()
+    _, before = near_points(points, OUTLINE, {}, 0.005, grid)
+    _, after = near_points(points - camera_shift(OUTLINE, points), OUTLINE, {}, 0.005, grid)
+    assert len(before.common) > 100
+    assert len(after.common) < 0.02 * len(before.common)
