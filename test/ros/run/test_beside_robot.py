@@ -119,7 +119,9 @@ def test_the_rod_is_in_the_way_of_some_placement_where_nobody_sees_it(holding):
     """Else the test above could not fail."""
     middle, half, _ = rod_beside(holding, 0.008)
     rod, T_rod = coal.Capsule(RADIUS - 1e-4, 2 * half), coal.Transform3s(np.eye(3), middle)
-    assert any(cuts(holding, each, rod, T_rod) for each in found(holding))
+    changed = (holding.parameters.changed({"seed": seed}) for seed in range(10))
+    others = (seen(holding, parameters=each) for each in changed)
+    assert any(cuts(each, placed, rod, T_rod) for each in others for placed in found(each))
 
 
 def test_what_is_held_in_one_grasp_is_an_obstacle_in_another(holding):
