@@ -162,7 +162,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
         wait(lambda: len(others()) == 2 or node.poll() is not None)
         node.send_signal(signal.SIGINT)
         assert node.wait(120.0) == 0
-        assert others() == []
+        wait(lambda: not others(), 20.0)  # less than what they were at takes
     finally:
         node.kill()
 

@@ -14,6 +14,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -219,8 +220,17 @@ def _answer(what: str, *given: Any) -> object:
         return words if known else f"{type(error).__name__}: {words}"
 
 
+def _end_with_node() -> None:
+    """End this process, whatever it does, once nobody has the other end of its standard input."""
+    hung_up = select.poll()
+    hung_up.register(sys.stdin, 0)  # which leaves POLLHUP alone: requests are read elsewhere
+    hung_up.poll()
+    os._exit(1)
+
+
 def main() -> None:
     """Read the files, and cover the meshes, that the standard input asks for."""
+    threading.Thread(target=_end_with_node, daemon=True).start()
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Loaders may print; what they print is no answer.
@@ -231,7 +241,6 @@ def main() -> None:
             seconds, *request = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        # Should the node die without a word, this process does not read on for ever.
         latest = int(time.process_time() + seconds) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (latest, resource.RLIM_INFINITY))
         pickle.dump(_answer(*request), out, protocol=5)
