@@ -1,14 +1,20 @@
 """Motions through a shelf's board of which the camera saw the front edge only."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from benchmarks.cases import build_problem, inputs_of
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.visibility import SeenSpace, View
+from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import TargetVolume, Trajectory
 from placement_planner_ros.core.unseen_way import unseen_share
+from placement_planner_ros.ros.run.surroundings import environment_notes
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
@@ -65,6 +71,41 @@ def test_an_open_table_has_no_ceiling():
     environment = of_shelf(view)
     assert environment.regions
     assert not environment.has_unseen_ceiling
+
+
+def cuts_the_board(inputs, placement):
+    """Whether the held object is within the board somewhere on the way."""
+    arm = next(each for each in inputs.arms if each.name == placement.arm)
+    path = placement.trajectory
+    low, high = (X0, -Y, BOARD), (X1, Y, BOARD + THICK)
+    q = inputs.q_start.copy()
+    for at in positions_at(path, np.linspace(path.times[0], path.times[-1], 200)):
+        q[arm.q_index] = at
+        T = inputs.robot.link_pose(q, arm.tip_frame) * arm.grasps[placement.grasp]
+        points = inputs.body.volume_points @ T.rotation.T + T.translation
+        if ((points > low) & (points < high)).all(axis=1).any():
+            return True
+    return False
+
+
+def test_planned_motions_that_cut_the_board_are_told_of_with_the_remedy():
+    view = shelf()
+    inputs = inputs_of("small_crayons_box", VOLUME, view.points)
+    problem, objective = build_problem(inputs, "maximize_clearance", sights=[view])
+    cut = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
+        placement = next(planner.run(lambda planner=planner: planner.statistics.samples > 10**6))
+        if cuts_the_board(inputs, placement):
+            cut.append(placement.unseen)
+        if len(cut) == 2:
+            break
+    assert cut  # the shortest ways from above the board lead through it
+    assert min(cut) > 0.001
+    asked = SimpleNamespace(parameters={"unknown_space": "free"}, parts=())
+    (note,) = environment_notes(asked, problem.environment)
+    assert "unknown_space to occupied_below, or keep_out" in note
 
 
 @pytest.fixture(scope="module")
