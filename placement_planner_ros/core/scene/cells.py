@@ -169,6 +169,7 @@ def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) ->
     best, axis, high = 0, 0, False
     for a in range(3):
         for side in range(2):
+            # how many points are within the skin of it
             hits = 0
             for row in rows:
                 away = points[row, a] - box[0, a] if side == 0 else box[1, a] - points[row, a]
@@ -313,6 +314,7 @@ def close_gaps(
         for axis in range(3):
             b, c = (axis + 1) % 3, (axis + 2) % 3
             for side in range(-1, 2, 2):
+                # the face on that side and the cell behind it
                 face = origin[axis] + (cells[p, axis] + (side > 0)) * cell_size
                 cell[axis] = cells[p, axis] + side
                 if cell[axis] < 0 or cell[axis] >= shape[axis]:

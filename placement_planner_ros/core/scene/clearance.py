@@ -384,6 +384,7 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
     """Mean of d_S over a voxel's height around a point, and its change along x and y."""
     values, faces = table.values, table.faces
     slices, nx, ny = values.shape[0], values.shape[1], values.shape[2]
+    # the four pixels around, the nearest of the raster beside it
     u, v = (x - table.origin[0]) / table.pixel, (y - table.origin[1]) / table.pixel
     in_x, in_y = 0.0 <= u <= nx - 1.0, 0.0 <= v <= ny - 1.0
     u, v = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0)
@@ -439,6 +440,7 @@ def _mean_clearance(
     gradients = np.zeros((m, 3))
     for t in range(m):
         T = T_world_object[t]
+        # what of the body is judged higher up than it is
         lowest = np.inf
         for p in range(n):
             up = T[2, 0] * points[p, 0] + T[2, 1] * points[p, 1] + T[2, 2] * points[p, 2]
@@ -447,6 +449,7 @@ def _mean_clearance(
         total, along_x, along_y, turn = 0.0, 0.0, 0.0, 0.0
         for p in range(n):
             a, b, c = points[p, 0], points[p, 1], points[p, 2]
+            # about the object's origin
             rx = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c

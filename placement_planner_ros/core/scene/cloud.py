@@ -60,7 +60,7 @@ def cropped(lower: Array, upper: Array, points: Array, rim: float) -> tuple[Arra
     Args:
         rim: m around the points that are part of it, too.
     """
-    low, high = _extent(np.ascontiguousarray(points, dtype=np.float64), lower, upper)
+    low, high = _extent_within(np.ascontiguousarray(points, dtype=np.float64), lower, upper)
     if low[0] > high[0]:
         return None
     return np.maximum(lower, low - rim), np.minimum(upper, high + rim)
@@ -77,7 +77,7 @@ def finite_extent(points: Array) -> tuple[int, Array]:
 
 
 @kernel(nogil=True)
-def _extent(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+def _extent_within(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Corners (3,) of the box around those of (n, 3) points that lie within other corners; the
     lower one is above the upper one where none does."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -107,7 +107,7 @@ def thinned(
     low, high = (
         np.broadcast_to(np.asarray(end, np.float64), (3,)).copy() for end in (lower, upper)
     )
-    return np.asarray(_thinned(np.ascontiguousarray(points), cell_size, low, high, slots))
+    return np.asarray(_thin_evenly(np.ascontiguousarray(points), cell_size, low, high, slots))
 
 
 @kernel(lean=True)
@@ -120,6 +120,7 @@ def _slot_of(
 ) -> int:
     """The slot of the hash table that a cell has, or would have."""
     mask = len(number_at) - 1
+    # one after the other, until it is the cell's or nobody's
     slot = (cell[0] * _PRIME_X ^ cell[1] * _PRIME_Y ^ cell[2] * _PRIME_Z) & mask
     while number_at[slot] > 0:
         q = first_of[number_at[slot] - 1]
@@ -134,7 +135,7 @@ def _slot_of(
 
 
 @kernel(nogil=True)
-def _thinned(
+def _thin_evenly(
     points: Array, cell_size: float, lower: Array, upper: Array, slots: int
 ) -> npt.NDArray[np.int64]:
     """`thinned`; cells are found by a hash table of so many slots, a power of two."""

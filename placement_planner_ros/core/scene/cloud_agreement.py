@@ -114,7 +114,7 @@ def disagreements(
         first, second = surfaces[i], surfaces[j]
         if first is None or second is None:
             continue
-        a, b = _matched(first, second)
+        a, b = _matched_surfaces(first, second)
         if not len(a):
             continue
         higher = second.height[b] - first.height[a]
@@ -134,7 +134,7 @@ def disagreements(
     return found
 
 
-def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
+def _matched_surfaces(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
     """Rows of surfaces in the same column that are each other's nearest and no further apart."""
     low = np.minimum(first.columns.min(axis=0, initial=0), second.columns.min(axis=0, initial=0))
     wide = 1 + max(int(s.columns[:, 1].max(initial=0)) for s in (first, second)) - low[1]
@@ -144,7 +144,7 @@ def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
         ((s.columns[:, 0] - low[0]) * wide + s.columns[:, 1] - low[1]) * step + s.height
         for s in (first, second)
     ]
-    there, back = _nearest(keys[0], keys[1]), _nearest(keys[1], keys[0])
+    there, back = _nearest_heights(keys[0], keys[1]), _nearest_heights(keys[1], keys[0])
     if not len(keys[0]) or not len(keys[1]):
         return there[:0], there[:0]
     rows = np.flatnonzero(back[there] == np.arange(len(keys[0])))
@@ -152,7 +152,7 @@ def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
     return rows, there[rows]
 
 
-def _nearest(of: Array, among: Array) -> Rows:
+def _nearest_heights(of: Array, among: Array) -> Rows:
     """For each of some numbers the row of the nearest among others, ascending."""
     after = np.clip(np.searchsorted(among, of), 1, max(len(among) - 1, 1))
     if len(among) < 2:

@@ -46,6 +46,7 @@ def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
     for r in range(len(cells)):
         if counts[r] == 0 or counts[r] >= min_points:
             continue
+        # all that the cells around hold, too
         total = 0
         for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
             for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
@@ -62,6 +63,7 @@ def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
     points, start, cells = bins.points, bins.start, bins.cells
     moments = np.zeros((len(cells), 10))
     for r in range(len(cells)):
+        # the cell's centre, then each point from there
         cx = origin[0] + (cells[r, 0] + 0.5) * size
         cy = origin[1] + (cells[r, 1] + 0.5) * size
         cz = origin[2] + (cells[r, 2] + 0.5) * size
@@ -98,6 +100,7 @@ def _moments_around(moments: Array, bins: Bins, size: float, r: int, reach: int)
                 q = number_at[i, j, k] - 1
                 if q < 0:
                     continue
+                # moved to the centre of cell r
                 oz = (k - cells[r, 2]) * size
                 c, x, y, z = moments[q, 0], moments[q, 1], moments[q, 2], moments[q, 3]
                 n += c
@@ -126,6 +129,7 @@ def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: 
                 q = number_at[i, j, k] - 1
                 if q < 0:
                     continue
+                # of each cell those points that are near the plane
                 for p in range(start[q], start[q + 1]):
                     x, y, z = points[p, 0] - center[0], points[p, 1] - center[1], points[p, 2]
                     z -= center[2]
@@ -163,7 +167,7 @@ def _fit_plane(moments: Moments, plane: Array) -> float:
     sx, sy, sz = sx / n, sy / n, sz / n
     plane[:] = 0.0
     plane[0], plane[1], plane[2] = sx, sy, sz
-    # C = [[a, d, e], [d, b, f], [e, f, c]]
+    # the covariance C = [[a, d, e], [d, b, f], [e, f, c]]
     a, b, c = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     d, e, f = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
     mean = (a + b + c) / 3.0
@@ -172,6 +176,7 @@ def _fit_plane(moments: Moments, plane: Array) -> float:
     )
     if spread <= 0.0:
         return n
+    # its eigenvalues in closed form
     p, q, s = (a - mean) / spread, (b - mean) / spread, (c - mean) / spread
     d2, e2, f2 = d / spread, e / spread, f / spread
     half = 0.5 * (p * (q * s - f2 * f2) - d2 * (d2 * s - f2 * e2) + e2 * (d2 * f2 - q * e2))
@@ -209,6 +214,7 @@ def _plane_scatter(
     for r in range(0, len(bins.cells), stride):
         if _fit_plane(_moments_around(moments, bins, size, r, reach), plane) < min_points:
             continue
+        # wide along two axes, and thin along the third
         if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
             found[n] = plane[6]
             n += 1

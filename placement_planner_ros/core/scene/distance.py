@@ -162,6 +162,7 @@ def _within_column(
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     near = first
     for k in range(layer, layer + len(squared)):
+        # from the middle of this cell
         z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
         while near < last and cells[near, 2] < k:
             near += 1
@@ -200,6 +201,7 @@ def _lower_lines(
         if not used[source]:
             continue
         for side in range(-1, 2, 2):
+            # no further than where it is lower than its neighbour by enough
             reach = min(steps, lines - 1 - source if side > 0 else source)
             if reach > 0:
                 highest = _most_above(slab[source], slab[source + side], unit)
@@ -307,12 +309,14 @@ def _scatter_box(
     """
     ny = exact.shape[1]
     size = boxes.cell_size
+    # how far the five cells along each axis are from the box along it
     for axis in range(3):
         low, high, cell = boxes.lower[row, axis], boxes.upper[row, axis], boxes.cells[row, axis]
         for n in range(5):
             middle = boxes.origin[axis] + (cell - 2 + n + 0.5) * size
             gap = max(low - middle, 0.0, middle - high)
             apart[axis, n] = gap * gap
+    # the least of what was known and this box, for all of them
     ci = boxes.cells[row, 0] - first_cell[0] - 2
     cj = boxes.cells[row, 1] - first_cell[1] - 2
     ck = boxes.cells[row, 2] - first_cell[2]

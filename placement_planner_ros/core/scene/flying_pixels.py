@@ -81,7 +81,7 @@ def flying_pixels(points: Array, sensor: Array) -> Mask:
         sensor: (3,) where it was, metres.
     """
     everything = np.ones(len(points), np.bool_)
-    return _flying(points, sensor, everything, everything)
+    return _flying_of_sample(points, sensor, everything, everything)
 
 
 def flying_among(points: Array, sensor: Array, rows: Rows) -> Mask:
@@ -97,10 +97,10 @@ def flying_among(points: Array, sensor: Array, rows: Rows) -> Mask:
     sample, asked = np.zeros((2, len(points)), np.bool_)
     sample[:: max(1, len(points) // SAMPLED_POINTS)] = True
     asked[rows] = True
-    return _flying(points, sensor, asked | sample, sample)[rows]
+    return _flying_of_sample(points, sensor, asked | sample, sample)[rows]
 
 
-def _flying(points: Array, sensor: Array, asked: Mask, sample: Mask) -> Mask:
+def _flying_of_sample(points: Array, sensor: Array, asked: Mask, sample: Mask) -> Mask:
     """(n,) flying pixels among those asked; none where too many of the sample, asked too, are."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     gone = np.zeros(len(points), np.bool_)
@@ -115,7 +115,7 @@ def _flying(points: Array, sensor: Array, asked: Mask, sample: Mask) -> Mask:
         return gone
     # Of a normal distribution 70 % are within 1.036 deviations; 2 a - b - c varies by 6 times more.
     noise = float(np.quantile(residuals, 0.7)) / 1.036 / math.sqrt(6.0)
-    flying = _unsupported(seen, SURE_NOISES * noise, asked[seen.row], room)
+    flying = _unsupported_points(seen, SURE_NOISES * noise, asked[seen.row], room)
     sampled = sample[seen.row]
     if (flying & sampled).sum() <= MOST_FLYING * sampled.sum():
         gone[seen.row[flying]] = True
@@ -309,7 +309,7 @@ def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows
 
 
 @kernel(nogil=True)
-def _unsupported(seen: SeenPixels, least: float, asked: Mask, near: Rows) -> Mask:
+def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows) -> Mask:
     """(n,) points that go, until each of those asked that stays has what it stays for.
 
     A point that goes only ever takes support from others, so the order makes no difference, and

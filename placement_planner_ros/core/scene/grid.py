@@ -146,13 +146,13 @@ class ObstacleSet:
         """
         settings = settings or GridSettings()
         cloud = checked_cloud(points)
-        lower, upper = _extent(cloud) if bounds is None else checked_bounds(bounds)
+        lower, upper = _cloud_corners(cloud) if bounds is None else checked_bounds(bounds)
         origin = lattice_corner(lower, settings.cell_size)
         shape = _grid_shape(origin, upper, settings)
         bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
         noise = 0.0
         if len(bins.cells):
-            bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
+            bins, noise = _cleaned_bins(bins, origin, settings, shape, lower, upper)
         return cls._of(bins, origin, shape, settings, noise)
 
     @classmethod
@@ -324,7 +324,7 @@ def _read_only(array: _AnyArray) -> _AnyArray:
     return array
 
 
-def _extent(cloud: Array) -> tuple[Array, Array]:
+def _cloud_corners(cloud: Array) -> tuple[Array, Array]:
     count, corners = finite_extent(cloud)
     if count == 0:
         raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
@@ -344,7 +344,7 @@ def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[in
     return int(sides[0]), int(sides[1]), int(sides[2])
 
 
-def _cleaned(
+def _cleaned_bins(
     bins: Bins,
     origin: Array,
     settings: GridSettings,

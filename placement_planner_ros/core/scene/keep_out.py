@@ -39,12 +39,12 @@ def kept_out(obstacles: ObstacleSet, boxes: Array, lower: Array, upper: Array) -
     if not len(within):
         return obstacles
     larger = obstacles.reaching(within[:, 0].min(axis=0), within[:, 1].max(axis=0))
-    shells = [_shell(larger, *box) for box in within]
+    shells = [_box_shell(larger, *box) for box in within]
     cells, low, high = (np.concatenate(each) for each in zip(*shells, strict=True))
     return larger.with_boxes(cells, low, high)
 
 
-def _shell(obstacles: ObstacleSet, lower: Array, upper: Array) -> tuple[Cells, Array, Array]:
+def _box_shell(obstacles: ObstacleSet, lower: Array, upper: Array) -> tuple[Cells, Array, Array]:
     """The cells (n, 3) that the surface of a box lies in, and the corners (n, 3) of what of them is
     in the box."""
     size = obstacles.cell_size
@@ -67,14 +67,14 @@ def cut(regions: tuple[Region, ...], boxes: Array) -> tuple[Region, ...]:
             corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
             heights = region.heights(corners)
             if heights.min() >= box[0, 2] and heights.max() <= box[1, 2]:
-                section = _without(section, box[:, :2])
+                section = _without_hole(section, box[:, :2])
         part = region.within(section) if len(section) else None
         if part is not None:
             left.append(region if part.area >= region.area else part)
     return tuple(sorted(left, key=lambda region: -region.area))
 
 
-def _without(section: Array, hole: Array) -> Array:
+def _without_hole(section: Array, hole: Array) -> Array:
     """(m, 2, 2) disjoint rectangles that are left of (k, 2, 2) without one of corners (2, 2)."""
     parts = []
     for low, high in section:

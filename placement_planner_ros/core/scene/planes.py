@@ -185,11 +185,13 @@ def _level_beside(
         if not used[p]:
             continue
         level = 0
+        # two columns across from each other at a time
         for way in range(4):
             i, j = (1, 0, 1, 1)[way], (0, 1, 1, -1)[way]
             ahead = _step_to(boxes, height, used, p, i, j)
             behind = _step_to(boxes, height, used, p, -i, -j)
             level += (abs(ahead) <= tolerance) + (abs(behind) <= tolerance)
+            # up on one side and down on the other: it is no surface of this slope
             if min(ahead, behind) < -rise and rise < max(ahead, behind) < math.inf:
                 level = 0
                 break
@@ -208,6 +210,7 @@ def _step_to(
     best = math.inf
     if i < 0 or i >= nx or j < 0 or j >= ny:
         return best
+    # the nearest in height of two cells below to two above
     for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
         q = boxes.number_at[i, j, k] - 1
         while q >= 0:
@@ -258,6 +261,7 @@ def _top_means(points: npt.NDArray[np.float32], first: Index, band: float) -> Ar
     """
     means = np.zeros((len(first) - 1, 3))
     for box in range(len(means)):
+        # the highest, and the mean of those near it
         highest = -math.inf
         for p in range(first[box], first[box + 1]):
             highest = max(highest, float(points[p, 2]))
@@ -301,9 +305,11 @@ def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, toleranc
     thick, for a wall goes on in the cell above.
     """
     lower, upper = boxes.lower, boxes.upper
+    # not below the top, nor above the headroom
     top = upper[p, 2]
     if upper[q, 2] <= top + tolerance or lower[q, 2] >= top + headroom:
         return False
+    # the share of the top that is below it
     width, depth = upper[p, 0] - lower[p, 0], upper[p, 1] - lower[p, 1]
     along_x = min(upper[p, 0], upper[q, 0]) - max(lower[p, 0], lower[q, 0])
     along_y = min(upper[p, 1], upper[q, 1]) - max(lower[p, 1], lower[q, 1])
@@ -321,6 +327,7 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
     for p in range(len(cells)):
         if cells[p, 2] == nz - 1:
             continue  # what lies above was cropped away
+        # every other box of the column up to the headroom
         blocked = False
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
             q = boxes.number_at[cells[p, 0], cells[p, 1], k] - 1
@@ -339,6 +346,7 @@ def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
     number = moments[0]
     xx, xy, yy = moments[4] / number, moments[5] / number, moments[6] / number
     xz, yz, zz = moments[7] / number, moments[8] / number, moments[9] / number
+    # none where the points are almost in line
     det = xx * yy - xy * xy
     if det <= 1e-3 * (xx + yy) ** 2:
         return 0.0, 0.0, math.inf, False
@@ -375,6 +383,7 @@ def _local_fits(
     for p in range(len(means)):
         if not used[p]:
             continue
+        # moments of what lies around, as far up or down as a plane may rise to there
         moments[:] = 0.0
         x, y, z = means[p, 0], means[p, 1], means[p, 2]
         ci, cj, ck = boxes.cells[p, 0], boxes.cells[p, 1], boxes.cells[p, 2]
@@ -388,6 +397,7 @@ def _local_fits(
                         if used[q] and abs(dz) <= far:
                             _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
                         q = boxes.next[q]
+        # the plane through enough of them that is not too steep
         if moments[0] < _FEWEST:
             continue
         gx, gy, scatter, stands = _solve_slope(moments)
@@ -421,6 +431,7 @@ def _grow_planes(
     for seed in order:
         if label[seed] >= 0:
             continue
+        # a plane begins where what was fitted goes through the box itself
         height, gx, gy = fits[seed, 0], fits[seed, 1], fits[seed, 2]
         if abs(means[seed, 2] - height - gx * means[seed, 0] - gy * means[seed, 1]) > tolerance:
             continue
@@ -430,6 +441,7 @@ def _grow_planes(
         queue[0] = seed
         head, tail, anew = 0, 1, 2 * _FEWEST
         while head < tail:
+            # what is beside the next of its boxes, at its height there
             s = queue[head]
             head += 1
             for i in range(max(boxes.cells[s, 0] - 1, 0), min(boxes.cells[s, 0] + 2, nx)):
@@ -447,12 +459,14 @@ def _grow_planes(
                                 tail += 1
                                 _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
                             q = boxes.next[q]
+            # anew, after a quarter more
             if tail >= anew:
                 anew = tail + tail // 4
                 a, b, _, stands = _solve_slope(moments)
                 if stands:
                     gx, gy = a, b
                     height = moments[3] - gx * moments[1] - gy * moments[2]
+        # a small one gives its boxes back
         _, _, _, stands = _solve_slope(moments)
         if tail >= _FEWEST and stands:
             found[count] = moments

@@ -302,6 +302,7 @@ def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
         layout: (6,) of the layer, see `LayerStack`.
     """
     nx, ny, start = int(layout[3]), int(layout[4]), int(layout[5])
+    # in pixels, and then between four of them
     u, v = (x - layout[0]) / layout[2], (y - layout[1]) / layout[2]
     if not (0.0 <= u < nx - 1.0 and 0.0 <= v < ny - 1.0):
         return -math.inf
@@ -323,6 +324,7 @@ def _surface_gaps(
     for group in range(len(first) - 1):
         for p in range(first[group], first[group + 1]):
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
+            # the layer of its height, which may have to be made first
             step = round(z / LAYER_STEP_M) - stack.low
             if step < 0 or step >= len(stack.number) or stack.number[step] == NOT_MADE:
                 return result, z
@@ -335,6 +337,7 @@ def _surface_gaps(
                 break
             if keeps > 0.0 and interpolated(stack.from_end, layout, x, y) < keeps:
                 break
+            # and at its height
             gap = interpolated(stack.surface, layout, x, y) - z
             if not abs(gap) <= tolerance:
                 break
@@ -357,6 +360,7 @@ def _rising_surfaces(
     for n in range(len(frames)):
         T = frames[n]
         for k in range(len(touching)):
+            # where the point comes to lie, and its height above the plane of the slope
             a, b = touching[k, 0], touching[k, 1]
             x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
             y = T[1, 0] * a + T[1, 1] * b + T[1, 3]
@@ -370,6 +374,7 @@ def _rising_surfaces(
             i, j = round((x - layout[0]) / layout[2]), round((y - layout[1]) / layout[2])
             if not (0 <= i < layout[3] and 0 <= j < layout[4]):
                 continue
+            # how far the highest point around it is above
             above = stack.top[int(layout[5] + i * layout[4]) + j] - z
             if low[n] + planes[n, 1] * a + planes[n, 2] * b < above <= tolerance:
                 found[n] = True

@@ -80,7 +80,7 @@ class View:
     def towards(self, lower: Array, upper: Array, cell_size: float) -> View:
         """The same with only those points whose lines of sight, or what is behind their points on
         these, lead through a box of corners (3,); no denser there than `thinned` leaves them."""
-        rows, ends = _towards(self.points, self.origin, lower, upper)
+        rows, ends = _points_towards(self.points, self.origin, lower, upper)
         rows = rows[thinned(ends, cell_size)]
         hides = None if self.hides is None else self.hides[rows]
         return View(self.points[rows], self.origin, hides)
@@ -136,7 +136,7 @@ class SeenSpace:
         `OCCUPIED` where something was measured, `UNSEEN` elsewhere."""
         free = np.zeros(self.shape, np.bool_)
         for view in self.views:
-            _carve(view.points, view.origin, self.origin, self.measured.cell_size, free)
+            _carve_rays(view.points, view.origin, self.origin, self.measured.cell_size, free)
         state = free.view(np.uint8)
         cells = self.measured.cells + self._shift
         state[tuple(cells[self._within(cells)].T)] = OCCUPIED
@@ -164,16 +164,18 @@ class SeenSpace:
         at = points[rows, None]
         found: Mask = np.any(np.all((at >= lower) & (at <= upper), axis=2), axis=1)
         for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
-            found |= _behind(points[rows], nearest, view.origin)
+            found |= _points_behind(points[rows], nearest, view.origin)
         result = np.zeros(len(points), np.bool_)
         result[rows] = found
         return result
 
     @cached_property
     def _nearest_hiding(self) -> list[Array]:
-        """Of each view, `_nearest` of the points that hide something."""
+        """Of each view, `_nearest_of_bins` of the points that hide something."""
         return [
-            _nearest(view.points if view.hides is None else view.points[view.hides], view.origin)
+            _nearest_of_bins(
+                view.points if view.hides is None else view.points[view.hides], view.origin
+            )
             for view in self.views
         ]
 
@@ -209,7 +211,7 @@ class SeenSpace:
             for i, cells in enumerate(self.state):
                 rows = np.argwhere((cells == UNSEEN) & ~unknown[i])
                 at = np.column_stack([np.full(len(rows), i), rows])
-                behind = _behind(self.origin + (at + 0.5) * size, nearest, view.origin)
+                behind = _points_behind(self.origin + (at + 0.5) * size, nearest, view.origin)
                 unknown[i][tuple(rows[behind].T)] = True
         if below_measured:
             highest = np.max(self.measured.cells[:, 2], initial=-1) + self._shift[2]
@@ -259,7 +261,7 @@ class SeenSpace:
 
 
 @kernel(nogil=True)
-def _towards(
+def _points_towards(
     points: Array, sensor: Array, lower: Array, upper: Array
 ) -> tuple[npt.NDArray[np.int64], Array]:
     """Rows of points (n, 3) that lie from the sensor in a direction in which the box lies, too;
@@ -280,6 +282,7 @@ def _towards(
                 final = -1.0
             if not math.isfinite(along):
                 final = -1.0
+        # it ends at its point, or where it leaves the box before
         if first <= final:
             rows[count] = p
             share = min(final, 1.0)
@@ -290,7 +293,7 @@ def _towards(
 
 
 @kernel(nogil=True)
-def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask) -> None:
+def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: Mask) -> None:
     """Mark the cells between the sensor and each point as free, the point's own cell left out.
 
     Cells are walked as by Amanatides and Woo. Of the lines that end in the same eighth of a cell,
@@ -328,11 +331,12 @@ def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask)
                 step[a] = strides[a] if upwards else -strides[a]
                 crossing[a] = (from_layer + upwards - start[a]) / along[a]
                 between[a] = 1.0 / abs(along[a])
+        # one of those that end, or leave, alike is enough
         done = ends if final == 1.0 else exits
         if done[end] >> eighth & 1:
             continue
         done[end] |= 1 << eighth
-        _walk(cells, cell, left, step, crossing, between)
+        _walk_cells(cells, cell, left, step, crossing, between)
         if final < 1.0:
             cells[end] = True
 
@@ -368,7 +372,7 @@ def _within_grid(
 
 
 @kernel(lean=True)
-def _walk(
+def _walk_cells(
     cells: npt.NDArray[np.bool_],
     cell: int,
     left: npt.NDArray[np.int64],
@@ -382,6 +386,7 @@ def _walk(
     left0, left1, left2 = left[0], left[1], left[2]
     for _ in range(left0 + left1 + left2):
         cells[cell] = True
+        # across the face that comes first
         if t0 <= t1 and t0 <= t2:
             cell += step[0]
             left0 -= 1
@@ -397,8 +402,9 @@ def _walk(
 
 
 @kernel(lean=True)
-def _bin(x: float, y: float, z: float) -> int:
+def _direction_bin(x: float, y: float, z: float) -> int:
     """The bin of a direction, on the cube's side that it leaves through."""
+    # the side, the way along it and up to it
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         side, u, v, w = (0 if x > 0.0 else 1), y, z, ax
@@ -406,32 +412,33 @@ def _bin(x: float, y: float, z: float) -> int:
         side, u, v, w = (2 if y > 0.0 else 3), x, z, ay
     else:
         side, u, v, w = (4 if z > 0.0 else 5), x, y, az
+    # where on that side
     row = min(int((u / w + 1.0) * 0.5 * _BINS), _BINS - 1)
     column = min(int((v / w + 1.0) * 0.5 * _BINS), _BINS - 1)
     return (side * _BINS + row) * _BINS + column
 
 
 @kernel(nogil=True)
-def _nearest(points: Array, sensor: Array) -> Array:
+def _nearest_of_bins(points: Array, sensor: Array) -> Array:
     """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
     nearest = np.full(6 * _BINS * _BINS, np.inf)
     for p in range(len(points)):
         x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
         square = x * x + y * y + z * z
         if math.isfinite(square) and square > 0.0:
-            b = _bin(x, y, z)
+            b = _direction_bin(x, y, z)
             nearest[b] = min(nearest[b], square)
     return nearest
 
 
 @kernel(nogil=True)
-def _behind(points: Array, nearest: Array, sensor: Array) -> Mask:
+def _points_behind(points: Array, nearest: Array, sensor: Array) -> Mask:
     """(n,) which points (n, 3) lie behind something as seen by a sensor: behind the nearest point
     in the bin of directions that they lie in."""
     found = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
-        found[p] = x * x + y * y + z * z > nearest[_bin(x, y, z)]
+        found[p] = x * x + y * y + z * z > nearest[_direction_bin(x, y, z)]
     return found
 
 
