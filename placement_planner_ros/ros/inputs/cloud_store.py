@@ -29,32 +29,16 @@ class CloudStaleError(PlacementPlannerError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredCloud:
-    """A cloud in the planning frame.
-
-    Attributes:
-        points: (n, 3) metres.
-        time: when it was taken, seconds of the steady clock.
-        origin: (3,) where the sensor was, metres; None where that is not known.
-        arrival: greater than that of clouds that arrived before it.
-    """
-
-    points: Array
-    time: float
-    origin: Array | None = None
-    arrival: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PointSet:
-    """A part of the environment, in the planning frame.
+    """A cloud, or another part of the environment, in the planning frame.
 
     Attributes:
         points: (n, 3) metres.
-        origin: (3,) of the sensor that saw all of it; None where that is not known.
+        origin: (3,) of the sensor that saw all of it, metres; None where that is not known.
         placed: whether it is known, hence no part of the robot nor in its hand.
-        topic: of which it is the newest cloud, taken at a time, seconds of the steady clock; else
-            empty.
+        topic: of which it is the newest cloud, else empty.
+        time: when it was taken, seconds of the steady clock.
+        arrival: greater than that of clouds that arrived before it.
     """
 
     points: Array
@@ -62,14 +46,16 @@ class PointSet:
     placed: bool = False
     topic: str = ""
     time: float = 0.0
+    arrival: int = 0
+
+    @property
+    def eye(self) -> tuple[float, ...]:
+        """The origin; () without one."""
+        return () if self.origin is None else tuple(self.origin.tolist())
 
     def same(self, other: PointSet) -> bool:
         """Whether both hold the same array, seen from the same place."""
-        if self.points is not other.points or self.placed != other.placed:
-            return False
-        if self.origin is None or other.origin is None:
-            return self.origin is other.origin
-        return np.array_equal(self.origin, other.origin)
+        return self.points is other.points and self.placed == other.placed and self.eye == other.eye
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +113,7 @@ class CloudStore:
     def __init__(self, required: Sequence[str]) -> None:
         self._required = tuple(required)
         self._lock = threading.Lock()
-        self._latest: dict[str, StoredCloud] = {}
+        self._latest: dict[str, PointSet] = {}
         self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
@@ -139,16 +125,18 @@ class CloudStore:
         """Call this whenever a cloud is taken, in the thread that brings it."""
         self._listener = listener
 
-    def add(self, topic: str, cloud: StoredCloud) -> bool:
+    def add(self, cloud: PointSet) -> bool:
         """Take a cloud as the newest of its topic; False where one that arrived later is known.
 
         One that shows nothing new is not a change.
         """
+        topic = cloud.topic
         with self._lock:
             before = self._latest.get(topic)
-        same = False
-        if before is not None and _shows_the_same(before, cloud):
-            same, cloud = True, replace(cloud, points=before.points)
+        same = before is not None and before.eye == cloud.eye
+        if before is not None and same:
+            same = np.array_equal(before.points, cloud.points)
+            cloud = replace(cloud, points=before.points) if same else cloud
         with self._lock:
             newest = self._latest.get(topic)
             if newest is not None and newest.arrival > cloud.arrival:
@@ -232,7 +220,7 @@ class CloudStore:
     def latest(self) -> dict[str, PointSet]:
         """Each topic's newest cloud."""
         with self._lock:
-            return {t: PointSet(cloud.points, cloud.origin) for t, cloud in self._latest.items()}
+            return dict(self._latest)
 
     @property
     def merged(self) -> Array:
@@ -291,19 +279,8 @@ class CloudStore:
             mode: `latest` or `merge`.
         """
         with self._lock:
-            sets = [
-                PointSet(cloud.points, cloud.origin, topic=topic, time=cloud.time)
-                for topic, cloud in self._latest.items()
-            ]
+            sets = [*self._latest.values()]
             if mode == "merge":
                 sets.append(PointSet(self._merged.points))
             sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
         return tuple(part for part in sets if len(part.points))
-
-
-def _shows_the_same(a: StoredCloud, b: StoredCloud) -> bool:
-    """Whether both show the same, seen from the same place."""
-    same_place = a.origin is b.origin or (
-        a.origin is not None and b.origin is not None and np.array_equal(a.origin, b.origin)
-    )
-    return same_place and np.array_equal(a.points, b.points)

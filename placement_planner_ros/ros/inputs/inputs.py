@@ -17,7 +17,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.inputs.frames import (
     ChainMovingError,
     CloudFrameError,
@@ -253,7 +253,7 @@ class Inputs:
         self.turned[topic] = turned_axes(frame, points, T_planning_cloud)
         eye = is_eye(frame, message.height, parameters)
         origin = np.array(T_planning_cloud.translation) if eye else None
-        self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
+        self.clouds.add(PointSet(points, origin, False, topic, taken, arrival))
         if parameters.sensor_pose(frame) is not None and not merged:
             with self._lock:  # which may be told to be elsewhere
                 self._declared[topic] = received, T_planning_cloud

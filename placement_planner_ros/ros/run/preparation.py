@@ -7,14 +7,13 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, wait
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.feasible_grasps import lay_out_holdings
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -30,9 +29,7 @@ from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.self_filter import Outline, near_points
 from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import Surroundings
-
-Made = TypeVar("Made")
+from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
 
 CORE_SHARE = 0.25
 """Of one core that preparing ahead takes at most, on average."""
@@ -85,56 +82,17 @@ def load_input_kernels() -> None:
     cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
 
-class _Build:
-    """An environment in the making, with the fields that every search needs.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """An environment, with the fields that every search needs.
 
     Attributes:
-        scene: of the surroundings, the same for whatever is held; None until it is made.
-
-    Args:
-        scene: where one of the same scene is there already.
+        scene: the same for whatever is held.
     """
 
-    def __init__(self, surroundings: Surroundings, scene: Environment | None = None) -> None:
-        self.surroundings = surroundings
-        self.scene = scene
-        self.made: Future[Environment] = Future()
-        self.unwanted = False
-
-    @property
-    def environment(self) -> Environment:
-        """What was made, once it is.
-
-        Raises:
-            PlacementPlannerError: the clouds are unusable.
-            StoppedError: other inputs came meanwhile.
-        """
-        return self.made.result()
-
-    @property
-    def has_failed(self) -> bool:
-        """Whether there will be none."""
-        return self.made.done() and self.made.exception() is not None
-
-    def work(self, give_way: Callable[[], None] = lambda: None) -> None:
-        """Make it; between two steps, first calls `give_way`, and gives up where it is unwanted."""
-
-        def unwanted() -> bool:
-            give_way()
-            return self.unwanted
-
-        def make() -> Environment:
-            with stoppable(unwanted):
-                if self.scene is None:
-                    self.scene = self.surroundings.scene()
-                _ = self.scene.clearance
-                _ = self.scene.has_unseen_ceiling  # so that start finds it ready
-                environment = self.surroundings.environment(self.scene)
-                step("making boxes of the obstacle set")
-                box_arrays(environment.obstacles)
-                return environment
-
-        _fulfil(self.made, make)
+    surroundings: Surroundings
+    scene: Environment
+    environment: Environment
 
 
 class Preparation:
@@ -161,9 +119,9 @@ class Preparation:
         self._inputs = inputs
         self._on_error = on_error
         self._idle = idle
-        self._lock = threading.Lock()
-        self._newest: _Build | None = None
-        self._runs = 0
+        self._making = threading.Lock()  # held while an environment is made
+        self._made: _Made | None = None
+        self._run: Snapshot | None = None  # of the run that waits for its environment
         self._seen: object = None
         self._laid_out: tuple[Robot, Body] | None = None
         self._closed = threading.Event()
@@ -186,33 +144,25 @@ class Preparation:
             StoppedError: it was told to stop first.
             PlacementPlannerError: an input is unusable.
         """
-        with self._lock:
-            self._runs += 1  # from now on nothing is prepared ahead
+        self._run = snapshot
         self._calls.give_way()  # to the answer that there is a run
-        order: Future[_Build] = Future()
-        # To its end, unless other inputs come: should this run be stopped, the next may need it.
-        threading.Thread(
-            target=_fulfil, args=(order, lambda: self._built(snapshot)), daemon=True
-        ).start()
         try:
             with stoppable(should_stop):
-                self._lay_out(snapshot)  # meanwhile
-                while not wait([order], LOOK_S).done:
+                while not self._making.acquire(timeout=LOOK_S):
                     step("making the environment of the clouds")
-                build = order.result()
-                planner = make_planner(snapshot, build.environment)
-                return Prepared(planner, build.environment, build.surroundings.flying)
+                try:
+                    made = self._make(snapshot)
+                finally:
+                    self._making.release()
+                planner = make_planner(snapshot, made.environment)
+                return Prepared(planner, made.environment, made.surroundings.flying)
         finally:
-            with self._lock:
-                self._runs -= 1
+            self._run = None
 
     def ready(self, snapshot: Snapshot) -> Environment | None:
         """The environment of that run where it is there already, without a look at its points."""
-        build = self._newest
-        made = build is not None and build.made.done() and not build.has_failed
-        if build is None or not made or not build.surroundings.made_of(snapshot):
-            return None
-        return build.environment
+        made = self._made
+        return None if made is None or not made.surroundings.made_of(snapshot) else made.environment
 
     def look(self) -> bool:
         """Prepare for the inputs of now, in this thread, where they are others than last time.
@@ -227,63 +177,53 @@ class Preparation:
             snapshot = take_snapshot()
             if snapshot is None:
                 return False
-            self._seen = state
-            self.ahead(snapshot)
+            if self.ahead(snapshot):
+                self._seen = state
         except Exception as error:
             # Whatever is raised: a run that comes meets the same, and tells it; what comes after
             # that run must find its environment ready again.
             self._on_error(error)
         return True
 
-    def ahead(self, snapshot: Snapshot) -> None:
-        """Prepare for a run that may come, in this thread; its errors are left to that run."""
-        surroundings = self._surroundings(snapshot)
-        with self._lock:
-            if self._runs:
-                return
-            build, new = self._build(surroundings)
-        if new:
-            build.work(self._calls.give_way)
-        with contextlib.suppress(StoppedError), stoppable(self._is_unwanted):
-            self._lay_out(snapshot)
+    def ahead(self, snapshot: Snapshot) -> bool:
+        """Prepare for a run that may come, in this thread; its errors are left to that run.
 
-    def _lay_out(self, snapshot: Snapshot) -> None:
-        """Make what depends on robot and object alone, where they are others than last time."""
+        Returns:
+            Whether that came to an end, and not to nothing as a run wants something else.
+        """
+
+        def unwanted() -> bool:
+            self._calls.give_way()
+            run = self._run
+            return self._closed.is_set() or not (run is None or have_same_inputs(run, snapshot))
+
+        with contextlib.suppress(StoppedError), stoppable(unwanted), self._making:
+            with contextlib.suppress(PlacementPlannerError):
+                self._make(snapshot)
+            return True
+        return False
+
+    def _make(self, snapshot: Snapshot) -> _Made:
+        """The environment, and what depends on robot and object alone, where they are others than
+        last time; the lock is held."""
+        before = self._made
+        surroundings = Surroundings.of(snapshot, None if before is None else before.surroundings)
+        if before is None or not before.surroundings.same(surroundings):
+            same_scene = before is not None and before.surroundings.same_scene(surroundings)
+            scene = before.scene if before and same_scene else surroundings.scene()
+            _ = scene.clearance
+            _ = scene.has_unseen_ceiling  # so that start finds it ready
+            environment = surroundings.environment(scene)
+            step("making boxes of the obstacle set")
+            box_arrays(environment.obstacles)
+            before = _Made(surroundings, scene, environment)
+        self._made = made = _Made(surroundings, before.scene, before.environment)
         robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:
             settings = snapshot.parameters.planner_settings.grasp
             lay_out_holdings(robot, snapshot.arms, snapshot.q_start, body, settings)
             self._laid_out = wanted
-
-    def _built(self, snapshot: Snapshot) -> _Build:
-        """A run's environment, once it is made."""
-        surroundings = self._surroundings(snapshot)
-        with self._lock:
-            build, new = self._build(surroundings)
-        if new:
-            build.work()
-        wait([build.made])
-        return build
-
-    def _is_unwanted(self) -> bool:
-        self._calls.give_way()
-        return self._runs > 0 or self._closed.is_set()
-
-    def _surroundings(self, snapshot: Snapshot) -> Surroundings:
-        build = self._newest
-        return Surroundings.of(snapshot, None if build is None else build.surroundings)
-
-    def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
-        """The build of these surroundings, and whether it is yet to be worked on; lock held."""
-        newest, scene = self._newest, None
-        if newest is not None:
-            if not newest.has_failed and newest.surroundings.same(surroundings):
-                return newest, False
-            newest.unwanted = True
-            if newest.surroundings.same_scene(surroundings):
-                scene = newest.scene
-        self._newest = _Build(surroundings, scene)
-        return self._newest, True
+        return made
 
     def _look_ahead(self) -> None:
         rest = LOOK_S
@@ -292,11 +232,3 @@ class Preparation:
             if self._idle():
                 self.look()
             rest = max(LOOK_S, (time.thread_time() - began) * (1.0 / CORE_SHARE - 1.0))
-
-
-def _fulfil(promise: Future[Made], make: Callable[[], Made]) -> None:
-    """Keep a promise; what is raised is raised again in the thread that asks for the result."""
-    try:
-        promise.set_result(make())
-    except BaseException as error:
-        promise.set_exception(error)

@@ -10,29 +10,32 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.cloud import cropped
+from placement_planner_ros.core.scene.cloud import cropped, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.self_filter import (
     Outline,
     held_outlines,
     near_points,
     outside_robot,
 )
-from placement_planner_ros.ros.run.real_clouds import RealCloud
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 Mask = npt.NDArray[np.bool_]
 
-_MAKE_POINTS = ("contact_tolerance", "target_volume", "cloud.cell_size", "max_slope",
-                "clearance.beyond_volume", "self_filter.enabled", "unknown_space")  # fmt: skip
-"""Parameters on which an environment depends ..."""
+_MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
+"""Parameters on which a scene depends; """
 _MAKE_HANDS = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
-"""... and those on which what the robot hides does."""
+"""on which what the robot hides does; """
+_MAKE_ENVIRONMENT = (*_MAKE_SCENE, *_MAKE_HANDS, "contact_tolerance", "self_filter.enabled",
+                     "unknown_space")  # fmt: skip
+"""and on which an environment does."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""
 
@@ -48,8 +51,8 @@ class Surroundings:
         bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         disagreements: of clouds whose heights contradict each other.
-        clouds: those of the snapshot, without flying pixels, thinned.
-        kept: (n,) which of their points are `points`.
+        clouds: what is real of each, and how many flying pixels it had, by what tells one cloud of
+            this snapshot from others.
     """
 
     snapshot: Snapshot
@@ -58,8 +61,7 @@ class Surroundings:
     bounds: tuple[Array, Array]
     sights: tuple[View, ...]
     disagreements: tuple[Disagreement, ...]
-    clouds: tuple[RealCloud, ...]
-    kept: Mask
+    clouds: dict[object, tuple[Array, int]]
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -70,83 +72,63 @@ class Surroundings:
         """
         if before is not None and before.made_of(snapshot):
             return before
-        clouds = RealCloud.all_of(snapshot, () if before is None else before.clouds)
-        points = np.vstack([cloud.points for cloud in clouds])
+        size = snapshot.parameters.grid_settings.cell_size
+        known = {} if before is None else before.clouds
+        keys = [(id(part.points), part.eye, part.placed, size) for part in snapshot.parts]
+        clouds: dict[object, tuple[Array, int]] = {
+            key: known.get(key) or _real_points(part, size)
+            for key, part in zip(keys, snapshot.parts, strict=True)
+        }
+        parts = [(part, clouds[key][0]) for key, part in zip(keys, snapshot.parts, strict=True)]
+        points = np.vstack([real for _, real in parts])
         kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
-            measured = [np.full(len(cloud.points), not cloud.part.placed) for cloud in clouds]
+            measured = [np.full(len(real), not part.placed) for part, real in parts]
             rows = np.flatnonzero(np.concatenate(measured))
-            clouds_measured = [cloud.points for cloud in clouds if not cloud.part.placed]
-            kept[rows], near = _beside_robot(snapshot, clouds_measured)
-        bounds = _workspace(snapshot)
-        if before is not None and before._took_from_clouds(snapshot, kept):
-            taken = before.points, near, bounds, before.sights, before.disagreements
-            return cls(snapshot, *taken, clouds, kept)
-        each_kept = np.split(kept, np.cumsum([len(cloud.points) for cloud in clouds])[:-1])
-        sights = _sights(snapshot, clouds, each_kept)
-        contrary = _disagreements(snapshot, clouds, each_kept)
-        return cls(snapshot, points[kept], near, bounds, sights, contrary, clouds, kept)
-
-    def _took_from_clouds(self, snapshot: Snapshot, kept: Mask) -> bool:
-        """Whether another snapshot takes the same from the clouds: another object, perhaps, no
-        more."""
-        return (
-            _have_same_clouds(self.snapshot, snapshot)
-            and _agree(self.snapshot, snapshot, _MAKE_POINTS)
-            and np.array_equal(self.kept, kept)
+            of_sensors = [real for part, real in parts if not part.placed]
+            kept[rows], near = _beside_robot(snapshot, of_sensors)
+        split = np.split(kept, np.cumsum([len(real) for _, real in parts])[:-1])
+        each = [(*part, hides) for part, hides in zip(parts, split, strict=True)]
+        return cls(
+            snapshot,
+            points[kept],
+            near,
+            _workspace(snapshot),
+            _sights(snapshot, each),
+            _disagreements(snapshot, each),
+            clouds,
         )
 
     @property
     def flying(self) -> int:
         """How many points of the clouds are left out as flying pixels."""
-        return sum(cloud.flying for cloud in self.clouds)
+        return sum(flying for _, flying in self.clouds.values())
 
     def made_of(self, snapshot: Snapshot) -> bool:
         """Whether these are that snapshot's, as far as can be told at a glance."""
-        mine = self.snapshot
-        return (
-            _have_same_clouds(mine, snapshot)
-            and _agree(mine, snapshot, _MAKE_POINTS)
-            and _have_same_hands(mine, snapshot)
-        )
+        return have_same_inputs(self.snapshot, snapshot)
 
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
+        unknown = [each.snapshot.parameters["unknown_space"] for each in (self, other)]
+        if not self.sights:
+            unknown = ["free", "free"]
+        told = [[str(one) for one in each.disagreements] for each in (self, other)]
         return self is other or (
             self.same_scene(other)
-            and self._rules == other._rules
+            and unknown[0] == unknown[1]
+            and told[0] == told[1]
             and self.near.same(other.near)
-            and (not self._is_unknown_occupied or _have_same_hands(self.snapshot, other.snapshot))
+            and (unknown[0] == "free" or _hands(self.snapshot) == _hands(other.snapshot))
         )
 
     def same_scene(self, other: Surroundings) -> bool:
         """Whether both environments are the same but for what robot and object make of them."""
-        mine, its = self._scene_rules, other._scene_rules
+        mine, its = self.snapshot.parameters, other.snapshot.parameters
         return self is other or (
-            mine == its
+            all(mine[name] == its[name] for name in _MAKE_SCENE)
             and len(self._arrays) == len(other._arrays)
             and all(map(np.array_equal, self._arrays, other._arrays))
-        )
-
-    @property
-    def _is_unknown_occupied(self) -> bool:
-        return bool(self.sights) and self.snapshot.parameters["unknown_space"] != "free"
-
-    @property
-    def _rules(self) -> tuple[object, ...]:
-        """What must be equal beyond the scene."""
-        unknown = self.snapshot.parameters["unknown_space"] if self.sights else ""
-        return unknown, [str(each) for each in self.disagreements]
-
-    @property
-    def _scene_rules(self) -> tuple[object, ...]:
-        """What must be equal for the scene."""
-        parameters = self.snapshot.parameters
-        return (
-            parameters.grid_settings,
-            parameters.region_settings,
-            parameters["target_volume"],
-            parameters["clearance.beyond_volume"],
         )
 
     @property
@@ -208,45 +190,53 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     return kept, near.within(*_workspace(snapshot))
 
 
-def _disagreements(
-    snapshot: Snapshot, clouds: tuple[RealCloud, ...], kept: list[Mask]
-) -> tuple[Disagreement, ...]:
+def _real_points(part: PointSet, size: float) -> tuple[Array, int]:
+    """Of a cloud (n, 3) what is no flying pixel, no denser than cells of that size need; and how
+    many flying pixels there are. What is known is all real."""
+    points, flies = part.points, np.zeros(len(part.points), np.bool_)
+    if part.placed:
+        return points, 0
+    if part.origin is not None:
+        flies = flying_pixels(points, part.origin)
+    real = points[~flies] if flies.any() else points
+    return real[thinned(real, size)], int(flies.sum())
+
+
+_Filtered = tuple[PointSet, Array, Mask]
+"""A part of a snapshot, what is real of it, (n, 3), and which of these the robot does not carry."""
+
+
+def _disagreements(snapshot: Snapshot, each: list[_Filtered]) -> tuple[Disagreement, ...]:
     """Which of the topics' clouds contradict each other, by points that are kept."""
-    of_topics = [(c, k) for c, k in zip(clouds, kept, strict=True) if c.part.topic]
+    of_topics = [(part, real[kept]) for part, real, kept in each if part.topic]
     if len(of_topics) < 2:
         return ()
     return tuple(
         disagreements(
-            [cloud.points[rows] for cloud, rows in of_topics],
-            [cloud.part.topic for cloud, _ in of_topics],
-            [cloud.part.time for cloud, _ in of_topics],
+            [points for _, points in of_topics],
+            [part.topic for part, _ in of_topics],
+            [part.time for part, _ in of_topics],
             snapshot.parameters["contact_tolerance"],
         )
     )
 
 
-def _sights(
-    snapshot: Snapshot, clouds: tuple[RealCloud, ...], kept: list[Mask]
-) -> tuple[View, ...]:
+def _sights(snapshot: Snapshot, each: list[_Filtered]) -> tuple[View, ...]:
     """Of each cloud whose sensor's place is known what it saw.
 
     Lines of sight that pass through the box around an object placed since tell nothing any more.
-
-    Args:
-        kept: per cloud, (n,) points that the robot does not carry.
     """
-    placed = [(c.points.min(axis=0), c.points.max(axis=0)) for c in clouds if c.part.placed]
+    placed = [(real.min(axis=0), real.max(axis=0)) for part, real, _ in each if part.placed]
     sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
-    for cloud, hides in zip(clouds, kept, strict=True):
-        origin = cloud.part.origin
-        if origin is None:
+    for part, real, hides in each:
+        if part.origin is None:
             continue
         # the robot's points tell of unknown space what they do not hide; else they are left out, so
         # that a robot that moves makes no environment anew
         tells = np.ones(len(hides), np.bool_) if unknown else hides.copy()
         for lower, upper in placed:
-            tells &= ~_passes_through(cloud.points, origin, lower, upper)
-        sights.append(View(cloud.points[tells], origin, hides[tells]))
+            tells &= ~_passes_through(real, part.origin, lower, upper)
+        sights.append(View(real[tells], part.origin, hides[tells]))
     return tuple(sights)
 
 
@@ -260,28 +250,28 @@ def _passes_through(points: Array, origin: Array, lower: Array, upper: Array) ->
     return np.asarray((enters < leaves) & (enters > 0.0) & (leaves < 1.0))
 
 
-def _have_same_clouds(a: Snapshot, b: Snapshot) -> bool:
-    """Whether the clouds are, and what tells which of them contradict each other."""
+def have_same_inputs(a: Snapshot, b: Snapshot) -> bool:
+    """Whether both make the same environment, as far as can be told at a glance."""
     told = [[(part.topic, part.time) for part in snapshot.parts] for snapshot in (a, b)]
-    return told[0] == told[1] and all(x.same(y) for x, y in zip(a.parts, b.parts, strict=True))
-
-
-def _agree(a: Snapshot, b: Snapshot, names: tuple[str, ...]) -> bool:
-    """Whether these parameters are the same."""
-    return all(a.parameters[name] == b.parameters[name] for name in names)
-
-
-def _have_same_hands(a: Snapshot, b: Snapshot) -> bool:
-    """Whether robot and held object fill the same space."""
-    hands = [
-        [(arm.joints, arm.tip_frame, arm.grasps) for arm in snapshot.arms] for snapshot in (a, b)
-    ]
     return (
-        a.robot is b.robot
+        told[0] == told[1]
+        and all(x.same(y) for x, y in zip(a.parts, b.parts, strict=True))
+        and all(a.parameters[name] == b.parameters[name] for name in _MAKE_ENVIRONMENT)
+        and a.robot is b.robot
         and a.body is b.body
-        and np.array_equal(a.q_start, b.q_start)
-        and hands[0] == hands[1]
-        and _agree(a, b, _MAKE_HANDS)
+        and _hands(a) == _hands(b)
+    )
+
+
+def _hands(snapshot: Snapshot) -> tuple[object, ...]:
+    """Where the robot and what it holds are, for what they hide."""
+    parameters = snapshot.parameters
+    return (
+        id(snapshot.robot),
+        id(snapshot.body),
+        snapshot.q_start.tobytes(),
+        [(arm.joints, arm.tip_frame, arm.grasps) for arm in snapshot.arms],
+        [parameters[name] for name in _MAKE_HANDS],
     )
 
 

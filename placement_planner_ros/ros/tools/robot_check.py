@@ -27,7 +27,7 @@ from placement_planner_ros.core.robot.overlap import nearest
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.robot_picture import draw_robot
-from placement_planner_ros.ros.inputs.cloud_store import PointSet, StoredCloud
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import announced
 from placement_planner_ros.ros.run.preparation import make_planner
@@ -142,7 +142,7 @@ def read_snapshot(
             q |= findings.attempt(lambda: positions_of(told, where)) or {}
         inputs.joints.update(list(q), list(q.values()), time.monotonic())
     plane = _plane_in(parameters.volume, 0.1)
-    inputs.clouds.add("points", StoredCloud(plane, time.monotonic()))
+    inputs.clouds.add(PointSet(plane, topic="points", time=time.monotonic()))
     taken = take_snapshot(inputs, parameters)
     if isinstance(taken, list):
         for fault in taken:

@@ -12,13 +12,17 @@ from placement_planner_ros.ros.inputs.cloud_store import (
     CloudStaleError,
     CloudStore,
     MergedPoints,
-    StoredCloud,
+    PointSet,
 )
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 B = np.array([[5.0, 0.0, 0.0]])
+
+
+def cloud(topic, points, time, origin=None):
+    return PointSet(points, origin, topic=topic, time=time)
 
 
 def standing(x, angle=0.0):
@@ -41,10 +45,10 @@ def points_of(parts):
 
 def test_every_required_topic_must_have_delivered():
     store = CloudStore(["left", "right"])
-    store.add("left", StoredCloud(A, 0.0))
+    store.add(cloud("left", A, 0.0))
     with pytest.raises(CloudError, match="right"):
         snapshot_of(store, "latest", 0.0, 1.0)
-    store.add("right", StoredCloud(B, 0.0))
+    store.add(cloud("right", B, 0.0))
     np.testing.assert_array_equal(
         points_of(snapshot_of(store, "latest", 0.0, 1.0)), np.vstack([A, B])
     )
@@ -54,7 +58,7 @@ def test_every_topic_with_a_fault_is_told():
     store = CloudStore(["left", "right", "top", "front"])
     store.refuse("left", CloudFrameError("cloud frame_id", "a", "publish it"))
     store.refuse("right", CloudFrameError("cloud frame_id", "b", "publish it"))
-    store.add("top", StoredCloud(A, 0.0))
+    store.add(cloud("top", A, 0.0))
     codes = [fault.code for fault in store.faults("latest", 1.0, 5.0)]
     assert codes == ["CLOUD_FRAME", "CLOUD_FRAME", "NO_CLOUD", "CLOUD_STALE"]
 
@@ -62,7 +66,7 @@ def test_every_topic_with_a_fault_is_told():
 def test_latest_replaces_and_merge_accumulates():
     store = CloudStore(["points"])
     for points in (A, B):
-        store.add("points", StoredCloud(points, 0.0))
+        store.add(cloud("points", points, 0.0))
         store.merge(points, 0.01)
     np.testing.assert_array_equal(points_of(snapshot_of(store, "latest", 0.0, 0.0)), B)
     merged = points_of(snapshot_of(store, "merge", 0.0, 0.0))
@@ -76,7 +80,7 @@ def test_merged_points_are_thinned():
     rng = np.random.default_rng(0)
     for _ in range(5):
         store.merge(rng.uniform(0.0, 0.02, (5000, 3)), 0.01)
-    store.add("points", StoredCloud(B, 0.0))
+    store.add(cloud("points", B, 0.0))
     merged = points_of(snapshot_of(store, "merge", 0.0, 0.0))
     assert 8**3 <= len(merged) <= 8**3 + 2
 
@@ -96,7 +100,7 @@ def test_no_more_points_accumulate_than_there_may_be(monkeypatch):
 
 def test_old_clouds_are_stale_unless_any_age_will_do():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(A, 10.0))
+    store.add(cloud("points", A, 10.0))
     assert snapshot_of(store, "latest", 5.0, 14.9)
     with pytest.raises(CloudStaleError, match="points") as error:
         snapshot_of(store, "latest", 5.0, 15.1)
@@ -108,18 +112,18 @@ def test_old_clouds_are_stale_unless_any_age_will_do():
 
 def test_a_refused_cloud_is_a_fault_until_a_good_one_comes():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(A, 0.0))
+    store.add(cloud("points", A, 0.0))
     error = CloudFrameError("cloud frame_id", "", "publish it")
     store.refuse("points", error)
     with pytest.raises(CloudFrameError):
         snapshot_of(store, "latest", 0.0, 0.0)
-    store.add("points", StoredCloud(B, 0.0))
+    store.add(cloud("points", B, 0.0))
     assert snapshot_of(store, "latest", 0.0, 0.0)
 
 
 def test_confirmed_objects_stay_until_cleared():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(A, 0.0))
+    store.add(cloud("points", A, 0.0))
     thing = standing(0.0)
     store.confirm(7, thing)
     assert len(points_of(snapshot_of(store, "latest", 0.0, 0.0))) == 2 + len(thing.points)
@@ -130,7 +134,7 @@ def test_confirmed_objects_stay_until_cleared():
 
 def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(A, 0.0))
+    store.add(cloud("points", A, 0.0))
     here, there = standing(0.0), standing(3.0)
     store.confirm(7, here)
     store.confirm(9, here)
@@ -148,7 +152,7 @@ def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
 
 def test_points_accumulated_in_a_removed_object_go_with_it():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(B, 0.0))
+    store.add(cloud("points", B, 0.0))
     # Turned by 45 degrees about z, the cube of 0.1 m reaches 0.0707 m along x.
     store.merge(
         np.array([[3.0, 0.0, 0.0], [3.068, 0.0, 0.0], [3.05, 0.05, 0.0], [3.08, 0, 0]]), 0.01
@@ -165,18 +169,18 @@ def test_points_accumulated_in_a_removed_object_go_with_it():
 
 def test_clouds_without_a_point_are_no_environment():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(np.empty((0, 3)), 0.0))
+    store.add(cloud("points", np.empty((0, 3)), 0.0))
     with pytest.raises(CloudError, match="no finite point"):
         snapshot_of(store, "latest", 0.0, 0.0)
 
 
 def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
     store = CloudStore(["points"])
-    store.add("points", StoredCloud(A, 0.0, np.array([0.0, 0.0, 1.0])))
+    store.add(cloud("points", A, 0.0, np.array([0.0, 0.0, 1.0])))
     store.merge(A, 0.01)
     store.confirm(7, standing(0.0))
-    cloud, merged, confirmed = snapshot_of(store, "merge", 0.0, 0.0)
-    assert cloud.origin.tolist() == [0.0, 0.0, 1.0]
+    newest, merged, confirmed = snapshot_of(store, "merge", 0.0, 0.0)
+    assert newest.origin.tolist() == [0.0, 0.0, 1.0]
     assert merged.origin is None
     assert confirmed.origin is None
 
@@ -196,7 +200,7 @@ def meanwhile(monkeypatch, act):
 
 
 def merged(store):
-    store.add("points", StoredCloud(np.zeros((0, 3)), 0.0))
+    store.add(cloud("points", np.zeros((0, 3)), 0.0))
     return {tuple(p) for p in points_of(snapshot_of(store, "merge", 0.0, 0.0))}
 
 
@@ -223,7 +227,7 @@ def test_what_threads_share_is_changed_with_the_lock_held_only():
 
     store = Watched(["points"])
     for points in (A, B):
-        store.add("points", StoredCloud(points, 0.0))
+        store.add(cloud("points", points, 0.0))
         store.merge(points, 0.01)
         store.confirm(7, standing(0.0))
         store.remove(7, 0.0)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.run import watch as module
 from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
 
@@ -57,7 +57,7 @@ class Watched:
         return "" if self.best is None else self.watch.blocked(self.best)
 
     def cloud(self, points, topic="points"):
-        self.store.add(topic, StoredCloud(points, 0.0))
+        self.store.add(PointSet(points, topic=topic))
 
     def place(self, name, making=lambda: None):
         """A better placement, once it is looked at and that is told."""
