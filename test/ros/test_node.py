@@ -471,7 +471,7 @@ def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
     assert b.status().get("warm") == "false"
     b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=b.feed)
     b.wait(lambda: b.status().get("warm") == "true")
-    assert b.node._preparation._newest.made.done()
+    assert b.node._preparation._made is not None
 
 
 def test_what_takes_long_to_prepare_does_not_hold_up_that_all_is_warm(bench, monkeypatch):

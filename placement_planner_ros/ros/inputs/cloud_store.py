@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.point_cloud import MAX_POINTS
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
@@ -18,8 +19,6 @@ MERGE_FRACTION = 4
 CUBE_BITS = 21
 """Of a cube's number for each axis: 2.6 km in each direction of cubes of 2.5 mm, beyond which
 nothing accumulates."""
-MAX_MERGED = 5_000_000
-"""Points that accumulate at most."""
 
 
 class CloudStaleError(PlacementPlannerError):
@@ -154,17 +153,17 @@ class CloudStore:
         Begun anew where others were merged, or all cleared, in the meantime.
 
         Raises:
-            CloudError: they would be more than `MAX_MERGED`; none of them is added then.
+            CloudError: they would be more than `MAX_POINTS`; none of them is added then.
         """
         while True:
             with self._lock:
                 before = self._merged
             merged = before.with_points(points, cell_size / MERGE_FRACTION)
-            if len(merged.points) > MAX_MERGED:
+            if len(merged.points) > MAX_POINTS:
                 raise CloudError(
                     "clouds: merged",
                     f"{len(merged.points)} points",
-                    f"there may be {MAX_MERGED}; call clear_environment, raise cloud.cell_size, or "
+                    f"there may be {MAX_POINTS}; call clear_environment, raise cloud.cell_size, or "
                     "publish what is near the robot only",
                 )
             with self._lock:

@@ -16,7 +16,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError, forget_wher
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, read_kept
 from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.inputs.resources import Files
@@ -176,7 +176,7 @@ class KnownObjects:
         def read(should_stop: Callable[[], bool]) -> Array:
             try:
                 with MeshProcess(should_stop) as process:
-                    vertices, triangles, _ = process.read(path)
+                    vertices, triangles = read_kept(process, path)
             except (OSError, ValueError) as error:
                 raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
             return vertices[triangles]

@@ -34,8 +34,6 @@ MAX_MEMORY_BYTES = 2_000_000_000
 """That reading or covering a mesh may take."""
 MAX_TIME_S = 60.0
 """That reading a mesh may take; of processor time, what covering one may."""
-MAX_WAIT_S = 240.0
-"""To wait for a cover, since a busy machine gives its process less than a core."""
 
 
 class MeshProcessStoppedError(Exception):
@@ -92,10 +90,10 @@ class MeshProcess:
         Raises:
             ValueError: it cannot be made; the message says why.
             ProcessorTimeError: making it took longer than that.
-            TimeoutError: it took longer than `MAX_WAIT_S`.
+            TimeoutError: it took four times as long, on a machine that is busy.
             MeshProcessStoppedError: `should_stop` said so.
         """
-        made: Cover = self._ask(("cover", vertices, triangles, tolerance), seconds, MAX_WAIT_S)
+        made: Cover = self._ask(("cover", vertices, triangles, tolerance), seconds, 4.0 * seconds)
         return made
 
     def _ask(self, request: tuple[object, ...], seconds: float, patience: float) -> Any:
@@ -156,7 +154,6 @@ def cover_in(
     tolerance: float,
     began: Callable[[], None] = lambda: None,
     seconds: float = MAX_TIME_S,
-    failed: Callable[[], None] = lambda: None,
 ) -> Cover:
     """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
     long, or too much memory.
@@ -166,7 +163,6 @@ def cover_in(
         began: called where it is not on disk.
         seconds: of processor time that making it may take. The hull is kept, too, where that is
             not enough, so as not to try again each time.
-        failed: called where the hull stands in and is not kept.
 
     Raises:
         MeshProcessStoppedError: nobody wants it any more.
@@ -182,7 +178,6 @@ def cover_in(
     try:
         return kept_cover(vertices, triangles, tolerance, make)
     except (ValueError, TimeoutError):
-        failed()
         return hull_cover(vertices, triangles)
 
 

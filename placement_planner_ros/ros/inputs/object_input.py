@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
@@ -12,20 +11,20 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, find_result, keep_result
+from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
-from placement_planner_ros.core.meshes.read import check_header, content_digest
+from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,
     MeshProcessStoppedError,
     cover_in,
+    read_kept,
 )
 from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files
@@ -53,33 +52,23 @@ class _Given:
 
     Attributes:
         key: equal where it is the same.
-        content: a digest of what it holds now.
-        arrays: vertices (n, 3), triangles (t, 3), and that digest as they were read.
+        arrays: reads its vertices (n, 3) and triangles (t, 3).
     """
 
     key: Hashable
-    content: Callable[[], bytes]
-    arrays: Callable[[MeshProcess], tuple[Array, Triangles, bytes]]
+    arrays: Callable[[MeshProcess], tuple[Array, Triangles]]
 
     @classmethod
     def of_mesh(cls, vertices: Array, triangles: Triangles) -> _Given:
         """A mesh as it is."""
-        digest = hashlib.sha1(vertices.tobytes(), usedforsecurity=False)
-        digest.update(triangles.tobytes())
-        content = f"arrays {vertices.shape} {triangles.shape} ".encode() + digest.digest()
-        return cls(content, lambda: content, lambda _: (vertices, triangles, content))
+        return cls(digest_of(vertices, triangles), lambda _: (vertices, triangles))
 
     @classmethod
     def of_file(cls, path: Path) -> _Given:
         """A mesh file in the state it was in when it was named."""
         found = path.stat()
-
-        def content() -> bytes:
-            check_header(path)
-            return content_digest(path.suffix.lower(), path.read_bytes())
-
         key = path, found.st_ino, found.st_size, found.st_mtime_ns
-        return cls(key, content, lambda process: process.read(path))
+        return cls(key, lambda process: read_kept(process, path))
 
 
 class ObjectInput:
@@ -110,12 +99,6 @@ class ObjectInput:
         self._key: Hashable = None
         self._fault: PlacementPlannerError | None = None
         self._begin(parameters)
-
-    @property
-    def mesh(self) -> object:
-        """The topic's newest mesh."""
-        with self._lock:
-            return self._topic
 
     @property
     def key(self) -> Hashable:
@@ -247,39 +230,24 @@ class ObjectInput:
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
 
-        def key_of(content: bytes) -> str:
-            return digest_of(_makers(), content, tuple(center), scale, settings)
-
         def make(should_stop: ShouldStop) -> Body:
             try:
-                body: Body | None = find_result("prepared objects", key_of(given.content()))
-                if body is None:
-                    body = anew(should_stop)
+                with MeshProcess(should_stop) as process:
+                    vertices, triangles = given.arrays(process)
+                    if should_stop():
+                        raise MeshProcessStoppedError
+                    words = (
+                        f"cover of the object ({len(triangles):,} triangles), once for each mesh"
+                    )
+                    began = partial(self.reading.tell, words)
+                    cover = partial(cover_in, process, began=began, seconds=MOST_SECONDS)
+                    middle = np.array(center) if center else None
+                    body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
             except (ValueError, OSError) as error:
                 uri = str(parameters["object.mesh"])
                 raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
             # Takes seconds for many triangles, and start's answer is not to wait for it.
             object_solids(body)
-            return body
-
-        def anew(should_stop: ShouldStop) -> Body:
-            with MeshProcess(should_stop) as process:
-                vertices, triangles, content = given.arrays(process)
-                if should_stop():
-                    raise MeshProcessStoppedError
-                words = f"cover of the object ({len(triangles):,} triangles), once for each mesh"
-                failed: list[bool] = []
-                cover = partial(
-                    cover_in,
-                    process,
-                    began=partial(self.reading.tell, words),
-                    seconds=MOST_SECONDS,
-                    failed=partial(failed.append, True),
-                )
-                middle = np.array(center) if center else None
-                body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
-            if not failed:
-                keep_result("prepared objects", key_of(content), body)
             return body
 
         return (given.key, tuple(center), scale, settings), make
@@ -315,11 +283,6 @@ class ObjectInput:
         mesh = _Given.of_mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
         self._listed = vertices, triangles, mesh
         return mesh
-
-
-def _makers() -> str:
-    """Of what makes bodies, which hold poses of pinocchio's."""
-    return digest_of(code_digest(Body.__module__), pin.__version__)
 
 
 def _source_of(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:

@@ -16,7 +16,12 @@ from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, sayable
+from placement_planner_ros.core.errors import (
+    NAMED_THINGS,
+    ParameterError,
+    PlacementPlannerError,
+    sayable,
+)
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
@@ -25,7 +30,7 @@ from placement_planner_ros.ros.parameters.table import (
     fixed_specs,
     sensor_pose_spec,
 )
-from placement_planner_ros.ros.parameters.values import MOST_HINTS, ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.scenes.yumi import TIP_FRAMES
 
 _TYPES = {
@@ -157,7 +162,8 @@ class ParameterServer:
     def without_effect(self) -> Mapping[str, str]:
         """Names given at start-up that the node does not have, and what to do instead."""
         mine = [name for name in self._given if not name.startswith(NOT_OURS)]
-        return dict(list(self.current.unknown(mine).items())[:MOST_HINTS])
+        unknown = [name for name in mine if name not in self.current.specs]
+        return self.current.unknown(unknown[:NAMED_THINGS])
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give values the type of their parameter; bad ones are left for `_validate` to refuse."""

@@ -12,7 +12,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.errors import (
+    NAMED_THINGS,
+    ParameterError,
+    PlacementPlannerError,
+)
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -28,8 +32,6 @@ CLOCK = "use_sim_time"
 _JOINT_LIMITS = f"{FIELD}.joint_limits."
 """How the names of limits begin that MoveIt's launch files give one by one."""
 NO_SUCH = "there is no such parameter"
-MOST_HINTS = 20
-"""Unknown names for which the nearest known one is looked up in one go, as that takes time."""
 
 
 class ParameterSet:
@@ -102,7 +104,7 @@ class ParameterSet:
     def unknown(self, names: Iterable[str]) -> dict[str, str]:
         """Those names that no parameter has, and what to do instead."""
         return {
-            name: self._instead(name) if i < MOST_HINTS else NO_SUCH
+            name: self._instead(name) if i < NAMED_THINGS else NO_SUCH
             for i, name in enumerate(name for name in names if name not in self.specs)
         }
 

@@ -87,7 +87,7 @@ def test_merged_points_are_thinned():
 
 def test_no_more_points_accumulate_than_there_may_be(monkeypatch):
     store = CloudStore(["points"])
-    monkeypatch.setattr(cloud_store, "MAX_MERGED", 5)
+    monkeypatch.setattr(cloud_store, "MAX_POINTS", 5)
     points = np.arange(15.0).reshape(5, 3)
     store.merge(points, 0.01)
     with pytest.raises(CloudError, match=r"6 points.*may be 5; call clear_environment"):

@@ -9,7 +9,6 @@ import trimesh
 
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,
     cover_in,
@@ -45,14 +44,6 @@ def coarse(robot):
     told = [words for words in robot.warnings if "its convex cover reaches" in words]
     assert len(told) == int(len(cover.parts) == 1)
     return bool(told) and "link base" in told[0] and "a simpler mesh" in told[0]
-
-
-def test_a_cover_that_takes_too_long_is_the_hull_and_that_is_told(folder, monkeypatch):
-    with MeshProcess() as process:
-        monkeypatch.setattr(mesh_process, "MAX_WAIT_S", 0.01)
-        assert coarse(read(folder, process))
-        monkeypatch.setattr(mesh_process, "MAX_WAIT_S", 240.0)
-        assert not coarse(read(folder, process)), "it is tried again"
 
 
 def test_where_the_processor_time_is_not_enough_the_hull_is_kept(folder):
