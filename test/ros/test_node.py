@@ -3,10 +3,12 @@
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point
+from helpers import fakes
 from helpers.fakes import COMPILED, FRAME, TABLE, started, values_of
 from helpers.snapshots import seen
 from rclpy.parameter import Parameter
@@ -16,6 +18,8 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
+from placement_planner_ros.core.scene.cloud_agreement import Disagreement
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.warmup.warm_up import load_kernels
 from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
@@ -219,6 +223,16 @@ def test_start_with_changes_parameters_for_one_run(bench):
     assert b.node.get_parameter("objective").value == "maximize_clearance"
 
 
+def test_clouds_that_contradict_each_other_are_told_in_the_status(bench, monkeypatch):
+    found = (Disagreement("left", "right", 0.015, np.zeros((0, 3))),)
+    make = Environment.from_points
+    contrary = SimpleNamespace(from_points=lambda *a, **k: make(*a, **k).with_disagreements(found))
+    monkeypatch.setattr(fakes, "Environment", contrary)
+    b = bench()
+    started(b)
+    b.wait(lambda: "0.0150 m above left" in b.status().get("clouds_disagree", ""))
+
+
 def test_bad_parameters_for_a_run_are_refused(bench):
     b = bench()
     b.feed()
@@ -231,6 +245,10 @@ def test_bad_parameters_for_a_run_are_refused(bench):
         ({"left__grasps": [], "right__grasps": []}, "BAD_GRASP"),
         ({"object__triangles": [0, 1, 99]}, "BAD_OBJECT"),
         ({"left__tip_frame": "nowhere"}, "BAD_PARAMETER"),
+        ({"world_links": ["nowhere"]}, "BAD_PARAMETER"),
+        ({"world_links": ["yumi_link_1_l"]}, "BAD_PARAMETER"),  # which moves
+        ({"self_filter__padding_of": ["nowhere=0.01"]}, "BAD_PARAMETER"),
+        ({"assumed_joints": ["nowhere=0.01"]}, "BAD_PARAMETER"),
         ({"acceleration_limits": [1.0, 2.0]}, "BAD_PARAMETER"),
         ({"carry__max_tilt": 0.2}, "BAD_PARAMETER"),
         ({"carry__max_acceleration": -1.0}, "BAD_PARAMETER"),

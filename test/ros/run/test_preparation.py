@@ -10,6 +10,7 @@ from helpers.snapshots import parts_of, seen
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, StartError
 from placement_planner_ros.core.stopping import StoppedError
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run import preparation as module
@@ -151,6 +152,22 @@ def test_flying_pixels_are_left_out_and_counted(snapshot):
     with_eye = seen(snapshot, clouds=clouds, origins=(SENSOR,))
     assert preparation().prepare(with_eye, never).flying == 1
     assert preparation().prepare(seen(with_eye, origins=(None,)), never).flying == 0
+
+
+def test_clouds_that_contradict_each_other_are_told_at_start(snapshot):
+    """The second camera is 15 mm off."""
+    parts = [
+        PointSet(TABLE.reshape(-1, 3) + np.array([0, 0, z]), SENSOR, topic=topic, time=1.0)
+        for topic, z in (("left", 0.0), ("right", 0.015))
+    ]
+    preparing, both = preparation(), replace(snapshot, parts=tuple(parts))
+    environment = preparing.prepare(both, never).environment
+    (note,) = [n for n in start_notes(both, preparing.ready(both)) if "clouds disagree" in n]
+    assert "right" in note
+    assert "0.0150 m above left" in note
+    assert environment.obstacles.barred.any()
+    alone = replace(snapshot, parts=tuple(parts[:1]))
+    assert not preparing.prepare(alone, never).environment.disagreements
 
 
 def test_lines_of_sight_close_sparse_surfaces_unless_an_object_stands_in_them_since(snapshot):
