@@ -58,6 +58,8 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         told = _no_face(search)
     elif not hierarchy.usable:
         told = _no_face_as_asked(search)
+    elif steep is not None and _nothing_stood(progress):
+        told = replace(steep, cause=steep.cause.replace("no placement region", "nothing stood", 1))
     elif progress.rulings:
         told = _nothing_left(search, progress.rulings)
     elif progress.count.samples == 0:
@@ -67,17 +69,21 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         )
     elif progress.found:
         told = _no_motion(search, progress)
-    elif steep is not None and _none_stood(progress):
-        told = replace(steep, cause=steep.cause.replace("no placement region", "nothing stood", 1))
     else:
         told = _all_refused(search, progress)
     numbers = (*regions_in_words(environment), *_count_words(search, progress), *left_out)
     return replace(told, details=(*told.details, *numbers))
 
 
-def _none_stood(progress: Progress) -> bool:
-    """Whether every sample was outside target_volume or without support."""
-    return all(v <= Verdict.UNSTABLE for v, n in progress.count.verdicts.items() if n)
+def _nothing_stood(progress: Progress) -> bool:
+    """Whether something was tried or proven, and all was beside target_volume or unsupported."""
+    tried = {verdict for verdict, count in progress.count.verdicts.items() if count}
+    return (
+        bool(tried or progress.rulings)
+        and not progress.found
+        and progress.rulings <= {Ruling.UNSUPPORTED}
+        and all(verdict <= Verdict.UNSTABLE for verdict in tried)
+    )
 
 
 def _no_face(search: Search) -> Explanation:
