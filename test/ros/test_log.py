@@ -55,37 +55,11 @@ def fault(log, act=fail, *args):
         log.fault("a request met a fault", error)
 
 
-def test_every_event_is_a_line(log, lines):
-    log.warn("odd")
-    assert lines.said.pop() == ("warning", "odd")
-    for number in range(5):
-        log.event(f"solution {number}")
-    log.failure("run 1 ended\nfailed")
-    assert lines.words == [*(f"solution {number}" for number in range(5)), "run 1 ended; failed"]
-    assert {level for level, _ in lines.said} == {"info", "error"}
-
-
 def test_what_repeats_is_said_once_however_long_it_goes_on(log, lines):
     for tick in range(36_000):
         lines.now = tick / 10
         log.repeats("cloud refused", "no frame")
     assert lines.words == ["cloud refused: no frame"]
-
-
-def test_what_differs_each_time_is_said_at_most_once_a_second(log, lines):
-    for tick in range(1000):
-        lines.now = tick / 100
-        log.repeats("cloud refused", f"stamp {tick}")
-    assert len(lines.words) == 10
-    assert lines.words[0] == "cloud refused: stamp 0"
-    assert lines.words[1] == "cloud refused: stamp 100"
-
-
-def test_a_refusal_is_said_each_time_but_for_many_at_once(log, lines):
-    for now in (0.0, 0.1, 0.2, 2.0, 4.0):
-        lines.now = now
-        log.refusal("start refused", "no cloud")
-    assert lines.words == ["start refused: no cloud"] * 3
 
 
 def test_a_traceback_is_said_once(log, lines):

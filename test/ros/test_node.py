@@ -469,7 +469,7 @@ def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
     corners = [Point(x=x, y=y, z=z) for x, y, z in held.vertices.tolist()]
     triangles = [MeshTriangle(vertex_indices=t.astype(np.uint32)) for t in held.triangles]
     publisher.publish(Mesh(vertices=corners, triangles=triangles))
-    b.wait(lambda: b.node._inputs.object.mesh is not None)
+    b.wait(lambda: b.node._inputs.object._topic is not None)
     started(b)
     np.testing.assert_array_equal(b.snapshots[-1].body.vertices, held.vertices)
     b.call("stop")

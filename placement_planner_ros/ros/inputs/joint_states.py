@@ -46,7 +46,6 @@ class JointStates:
         self._newest: dict[str, float] = {}
         self._heard: dict[str, JointPast] = {}  # by the steady clock
         self._past: dict[str, JointPast] = {}  # by the stamps
-        self._refused: tuple[float, str] = (-math.inf, "")
 
     def update(
         self,
@@ -66,8 +65,6 @@ class JointStates:
         """
         taken, bad = _positions(names, positions)
         with self._lock:
-            if bad is not None:
-                self._refused = now, str(bad)
             for name, position in taken.items():
                 turned = self._going_on(name, position)
                 sample = Sample(now if stamp is None else stamp, turned)
@@ -191,8 +188,7 @@ class JointStates:
         try:
             q = robot.configuration({**assumed, **self.positions()}, matter)
         except JointStateError as error:
-            remedy = f"{PUBLISH}{self._refusal(now, timeout)}"
-            raise JointStateError(error.field, error.value, remedy) from None
+            raise JointStateError(error.field, error.value, PUBLISH) from None
         self._require_fresh({*robot.needed_joints, *matter}, now, timeout)
         moving = self.moving(matter, None, rest_speed)
         if moving:
@@ -226,18 +222,7 @@ class JointStates:
         stale = {name: f"{age:.1f} s" for name, age in self.stale(joints, now, timeout).items()}
         if stale:
             words = f"no value within joint_state_timeout = {timeout:g} s"
-            words += self._refusal(now, timeout)
             raise JointsStaleError("joint_states: ages", stale, words)
-
-    def refused(self, now: float, timeout: float) -> str:
-        """What was wrong with the newest bad message of that many seconds; '' without one."""
-        when, why = self._refused
-        return why if now - when <= timeout else ""
-
-    def _refusal(self, now: float, timeout: float) -> str:
-        """What to add where values are missing, as messages came but were refused."""
-        why = self.refused(now, timeout)
-        return f"; of what came, some was refused: {why}" if why else ""
 
 
 def _positions(

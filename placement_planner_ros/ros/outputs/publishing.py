@@ -50,7 +50,6 @@ class Outputs:
         self._lock = threading.Lock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
-        self._drawn: tuple[Environment, list[object]] | None = None
         self._undrawn: tuple[Snapshot, Environment, float] | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile | int) -> Publisher:
@@ -113,15 +112,12 @@ class Outputs:
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
         volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
-        of = [keep_out, snapshot.parameters["support_region"]]
-        if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != of:
-            boxes = boxes_of(keep_out)
-            regions = cut(environment.regions, boxes) if keep_out else environment.regions
-            if of[1] == "largest":
-                regions = level_with_largest(regions)
-            standing = [part.points for part in snapshot.parts if part.placed]
-            self._scene = scene_markers(header, volume, boxes, regions, standing)
-            self._drawn = environment, of
+        boxes = boxes_of(keep_out)
+        regions = cut(environment.regions, boxes) if keep_out else environment.regions
+        if snapshot.parameters["support_region"] == "largest":
+            regions = level_with_largest(regions)
+        standing = [part.points for part in snapshot.parts if part.placed]
+        self._scene = scene_markers(header, volume, boxes, regions, standing)
         self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(

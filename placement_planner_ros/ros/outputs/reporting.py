@@ -241,12 +241,7 @@ class Reporter:
         }
         arriving = self._arriving(now)
         message = f"inputs {arriving}" if arriving == _ARRIVE else arriving
-        refused = joints.refused(now, self._parameters.current["joint_state_timeout"])
-        if refused:
-            values["joint_states_refused"] = refused
-            message += "; some joint values are refused"
-        well = arriving == _ARRIVE and not refused
-        level = DiagnosticStatus.OK if well else DiagnosticStatus.WARN
+        level = DiagnosticStatus.OK if arriving == _ARRIVE else DiagnosticStatus.WARN
         self._outputs.diagnostics(level, message, values)
 
 

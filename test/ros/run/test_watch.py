@@ -98,29 +98,6 @@ def watched(monkeypatch):
         each.watch.close()
 
 
-def test_a_cloud_is_looked_at_as_it_comes_and_told_once(watched):
-    w = watched()
-    w.cloud(CUT)  # nothing is placed yet
-    w.cloud(FREE)
-    w.place("a")
-    for points in (CUT, CUT_TOO, CUT + 0.0):
-        w.look_at(points)
-    assert w.told == ["a 1"]  # in the same words as long as it is blocked
-    w.look_at(FREE + 0.0)
-    w.until(lambda: w.told == ["a 1", ""])
-
-
-def test_a_better_placement_is_held_against_clouds_that_came_before_it(watched):
-    w = watched()
-    w.place("a")
-    w.look_at(CUT)
-    w.place("b")
-    assert w.blocked == "b 1"
-    w.look_at(FREE + 0.0)
-    w.place("c")
-    assert w.blocked == ""
-
-
 def test_a_cloud_that_comes_while_the_way_is_made_is_looked_at(watched):
     w = watched()
     w.place("a", making=lambda: w.cloud(CUT))
@@ -140,16 +117,6 @@ def test_a_cloud_that_comes_while_another_is_looked_at_is_looked_at(watched, mon
     monkeypatch.setattr(FakeWay, "blocked_by", late)
     w.cloud(CUT)
     w.until(lambda: w.told == ["a 1", ""])
-
-
-def test_what_the_run_began_with_is_not_held_against_it(watched):
-    w = watched()
-    w.snapshot.clouds = (CUT,)
-    w.place("a")
-    w.cloud(CUT)
-    assert w.blocked == ""
-    w.look_at(CUT_TOO)
-    assert w.blocked == "a 2"
 
 
 def test_what_has_accumulated_stays_until_it_is_forgotten(watched):
@@ -194,27 +161,3 @@ def test_what_cannot_be_looked_at_is_not_called_valid(watched):
     assert "cannot be held" in w.blocked
     w.look_at(FREE + 0.0)
     assert w.blocked == ""
-
-
-def test_nothing_is_said_of_a_placement_until_it_is_looked_at(watched):
-    """Where clouds have come that its run did not begin with; else there is nothing to look at."""
-    w = watched()
-    go_on = threading.Event()
-
-    def slow():
-        assert go_on.wait(WITHIN)
-
-    w.begin_to_place("a", slow)
-    w.until(lambda: w.told == [""])  # before its way is made, and nobody waits for that
-    w.cloud(CUT)
-    assert w.blocked == NOT_LOOKED_AT
-    go_on.set()
-    w.until(lambda: w.told[1:] == ["a 1"])
-    w.look_at(FREE + 0.0)
-    assert w.blocked == ""
-    go_on.clear()
-    w.begin_to_place("b", slow)  # what is said of the one before says nothing of this one
-    assert w.blocked == NOT_LOOKED_AT
-    go_on.set()
-    w.until(lambda: w.blocked == "")
-    w.until(lambda: w.told[-1] == "" and len(w.told) >= 4)  # and that is told
