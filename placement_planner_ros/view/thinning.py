@@ -10,7 +10,7 @@ import pinocchio as pin
 from sensor_msgs.msg import PointCloud2
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.point_cloud import structured_points
+from placement_planner_ros.ros.inputs.structured_points import structured_points
 
 MOST_POINTS = 30_000
 """Points of one cloud that are shown."""
