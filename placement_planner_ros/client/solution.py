@@ -37,6 +37,8 @@ class Solution:
         unseen: share of the way, of arm and object, through space in and around the target volume
             that no sensor looked at; None where no sensor's place is known.
         gap: ξ that can be had at most beyond this one's; None where that is not known.
+        contact: how the object rests: its contact class, face or lean.
+        leans_on: what it leans on, in words; '' where it stands.
     """
 
     run: int
@@ -55,6 +57,8 @@ class Solution:
     words: str
     unseen: float | None = None
     gap: float | None = None
+    contact: str = "face"
+    leans_on: str = ""
 
 
 def solution_of(
@@ -89,4 +93,6 @@ def solution_of(
         status.message,
         float(values["unseen"]) if "unseen" in values else None,
         float(values["gap"]) if "gap" in values else None,
+        values.get("contact", "face"),
+        values.get("leans_on", ""),
     )

@@ -13,6 +13,8 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.contacts.contact_class import ContactClass
 from placement_planner_ros.core.contacts.face import FaceContact
+from placement_planner_ros.core.contacts.lean import LeanContact
+from placement_planner_ros.core.contacts.several import SeveralContacts
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
@@ -62,6 +64,10 @@ class PoseConstraints:
             self.turns = Turns(turns, problem.body.faces)
         self.faces = FaceContact(problem, footing, collision, self.turns)
         self.contacts: ContactClass = self.faces
+        if footing.contacts != ("face",):
+            lean = LeanContact(problem, footing, collision)
+            both = "face" in footing.contacts
+            self.contacts = SeveralContacts([self.faces, lean]) if both else lean
         self._body = replace(problem.body, faces=self.faces.faces)
         self.problem = replace(problem, body=self._body)
         self.footing = footing

@@ -15,10 +15,12 @@ from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.support_settings import (
+    CONTACTS,
     SUPPORTS,
     SupportName,
     SupportSettings,
 )
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.explanation.constraint_table import refused_in_short
 from placement_planner_ros.core.explanation.explain import explain_search
 from placement_planner_ros.core.explanation.explanation import Explanation
@@ -132,6 +134,21 @@ class PlannerSettings(Settings):
         "and what is level with it, so not on top of other things; any: on all of them.",
         choices=SUPPORT_REGIONS,
     )
+    contacts: tuple[str, ...] = setting(
+        ("face",),
+        text="Contact classes that are looked for. face: a face of the object on a surface; lean: "
+        "an edge on a level surface, the object against a wall.",
+        choices=CONTACTS,
+    )
+    friction: float = setting(
+        0.3, "[0.05, 2]", text="With contacts: lean, the friction coefficient of all contacts."
+    )
+    stability_margin: float = setting(
+        0.05,
+        "[0, 1]",
+        text="With contacts: lean, the share of its weight that a leaning object bears in any "
+        "horizontal direction besides, with 3 degrees of tilt.",
+    )
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
     )
@@ -169,6 +186,8 @@ class PlannerSettings(Settings):
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         checks.check_boxes("keep_out", self.keep_out)
+        if not self.contacts:
+            raise ParameterError("contacts", (), f"name at least one of {', '.join(CONTACTS)}")
 
     def context(
         self, environment: Environment, volume: TargetVolume, body: Body
@@ -189,7 +208,15 @@ class PlannerSettings(Settings):
     def footing(self) -> SupportSettings:
         """Of these, what s(x) is asked by."""
         tolerance = self.collision.contact_tolerance
-        return SupportSettings(self.support, tolerance, self.edge_margin, self.support_margin)
+        return SupportSettings(
+            self.support,
+            tolerance,
+            self.edge_margin,
+            self.support_margin,
+            self.contacts,
+            self.friction,
+            self.stability_margin,
+        )
 
     @property
     def grasp(self) -> GraspSettings:
@@ -444,6 +471,7 @@ class PlacementPlanner:
             self._terms(goal),
             self._unseen(made, holding),
             self._remainder.gap(goal.objective, self._settings.min_improvement),
+            self._poses.contacts.resting(goal.T_world_object, goal.face),
         )
         return placement.turned(self._turned[goal.arm])
 

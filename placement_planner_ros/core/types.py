@@ -230,7 +230,6 @@ class Goal:
             release or retreat could not be certified.
         slope: of the contact plane; the object stands along its normal.
         opening: (3,) direction of the way back from contact to the raised pre-placement.
-        rests_on: the contact class, and what the object leans on, in words.
     """
 
     arm: str
@@ -243,7 +242,6 @@ class Goal:
     retreat: Array | None = None
     slope: Slope = LEVEL
     opening: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    rests_on: tuple[str, str] = ("face", "")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "approach", frozen_array(self.approach, (-1, -1)))
@@ -267,6 +265,23 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Resting:
+    """How an object is held by its surroundings.
+
+    Attributes:
+        contact: the contact class, as in the parameter `contacts`.
+        on: what it leans on, in words; '' where it stands.
+        points: (k, 3) where it touches, in the world, metres.
+        normals: (k, 3) unit, there into the object.
+    """
+
+    contact: str
+    on: str
+    points: Array
+    normals: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Placement:
     """A published solution: where, how, with which arm and grasp, along which motion.
 
@@ -281,6 +296,7 @@ class Placement:
         unseen: share of the way, of arm and object, through space in and around V that no sensor
             looked at; None where no sensor's place is known.
         gap: ξ that can be had at most beyond this; None where that is not known.
+        resting: how the object rests there.
     """
 
     goal: Goal
@@ -292,6 +308,7 @@ class Placement:
     terms: tuple[tuple[str, float], ...] = ()
     unseen: float | None = None
     gap: float | None = None
+    resting: Resting | None = None
 
     def turned(self, by: Array) -> Placement:
         """The same with whole turns `by` (dof,), rad, more in continuous joints."""

@@ -16,6 +16,7 @@ from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
 from .curve import check_limits, states_along
 from .insides import piece_voxels, voxel_centres
+from .leaning import balance, check_leaning
 from .pieces import Piece, convex_components, mesh_components, object_pieces
 from .robot import RobotModel
 from .shapes import convex
@@ -36,8 +37,10 @@ __all__ = [
     "Tolerances",
     "Way",
     "World",
+    "balance",
     "check_asked",
     "check_carrying",
+    "check_leaning",
     "check_limits",
     "check_solution",
     "check_stance",

@@ -9,6 +9,7 @@ from .asked import check_asked
 from .carrying import Way, check_carrying, way_of_object
 from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
+from .leaning import check_leaning, touched
 from .leaving import Leaving
 from .pieces import object_pieces
 from .robot import RobotModel
@@ -52,7 +53,7 @@ class SolutionChecker:
             *check_carrying(self.robot, task, solution, q_start, tolerances),
             *self._check_end(solution, states[-1]),
             *self._check_collisions(solution, states, times),
-            *check_stance(task, np.asarray(solution.placement_pose), tolerances),
+            *self._check_rest(np.asarray(solution.placement_pose)),
             *self._check_objective(solution, previous_objective),
             *check_asked(
                 task,
@@ -112,6 +113,14 @@ class SolutionChecker:
             found.append(f"end: object turned by {np.rad2deg(angle):.2f}° from the published pose")
         return found
 
+    def _check_rest(self, T: Array) -> list[str]:
+        """What is wrong with an object left standing, or where it may, leaning."""
+        found = check_stance(self.task, T, self.tolerances)
+        if found and self.task.friction is not None:
+            leans = check_leaning(self.task, T, self.tolerances)
+            return leans + [fault for fault in found if fault.startswith("volume")]
+        return found
+
     def _check_collisions(self, solution: Solution, states: Array, times: Array) -> list[str]:
         pose = np.asarray(solution.placement_pose)
         normal = standing_along(self.task, pose, self.tolerances)
@@ -122,6 +131,8 @@ class SolutionChecker:
             if abs(float((solid.vertices @ normal).max()) - lowest)
             <= self.tolerances.contact + 1e-9
         }
+        if self.task.friction is not None:
+            support |= touched(self.task, pose, self.tolerances)[2]
         world = World.build(
             self.robot, self.task, self.components, solution, self.tolerances.contact
         )

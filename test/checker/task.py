@@ -80,6 +80,7 @@ class Task:
         max_tilt: its angle from the vertical at most, rad.
         max_acceleration: of the centre of mass on the way, m/s².
         keep_out: (k, 2, 3) corners of boxes that keep the margin from all that moves.
+        friction, stability_margin: of an object that may lean; None and 0 where it may not.
         asked: rules and wishes, see `Asked`.
     """
 
@@ -102,6 +103,8 @@ class Task:
     max_tilt: float = np.pi
     max_acceleration: float = np.inf
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    friction: float | None = None
+    stability_margin: float = 0.0
     asked: Asked = field(default_factory=lambda: Asked())
 
     @property

@@ -38,6 +38,7 @@ def settle(
     T_world_object: pin.SE3,
     seconds: float = 2.0,
     friction: float = 0.6,
+    noslip: int = 0,
 ) -> Settled:
     """Release an object at rest and simulate it.
 
@@ -47,6 +48,7 @@ def settle(
         center_of_mass: (3,) in the object frame.
         T_world_object: where it is released.
         friction: sliding friction coefficient of every contact.
+        noslip: iterations after which friction does not creep.
 
     Returns:
         Where it is after `seconds`, compared with its release.
@@ -54,6 +56,7 @@ def settle(
     model = mujoco.MjModel.from_xml_string(
         _world(scene_parts, object_parts, center_of_mass, T_world_object, friction)
     )
+    model.opt.noslip_iterations = noslip
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     body = model.body("object").id

@@ -215,7 +215,7 @@ def test_rviz_lists_every_namespace_of_the_markers():
     body = SimpleNamespace(vertices=np.eye(3), triangles=np.array([[0, 1, 2]]))
     header = Header(frame_id=FRAME)
     drawn = scene_markers(header, volume, box[None], [], [np.eye(3)])
-    drawn += placement_markers(header, body, pin.SE3.Identity(), box)
+    drawn += placement_markers(header, body, pin.SE3.Identity(), box, None)
     (display,) = (
         each
         for each in RVIZ["Visualization Manager"]["Displays"]

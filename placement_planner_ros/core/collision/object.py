@@ -25,6 +25,8 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 _HEIGHT_ROUNDING_M = 1e-9
 """m by which heights are off by arithmetic."""
+_WAY_STEP_M = 0.002
+"""m at most between places that are looked at on a way that is not straight down."""
 _NEAR_BOXES = 100
 """Boxes near a part that `met` looks at."""
 
@@ -108,6 +110,42 @@ class ObjectCollision:
         answers = np.empty(len(poses), dtype=np.int64)
         self._classify(poses, contact, raised, slope, answers)
         return answers == FREE
+
+    def free_along(
+        self,
+        T_world_object: Array,
+        direction: Array,
+        length: float,
+        leant_on: npt.NDArray[np.bool_],
+    ) -> bool:
+        """Whether the object keeps the margin from all other boxes on a straight way to a pose.
+
+        At places on the way it keeps half of what lies between them beside the margin.
+
+        Args:
+            T_world_object: (4, 4) pose at contact.
+            direction: (3,) unit, of the way back.
+            length: of the way, metres.
+            leant_on: (m,) boxes that it may touch.
+        """
+        steps = math.ceil(length / _WAY_STEP_M)
+        poses = np.repeat(kernel_input(T_world_object)[None], steps + 1, axis=0)
+        poses[:, :3, 3] += np.linspace(0.0, length, steps + 1)[:, None] * direction
+        margin = self.settings.collision_margin + self.settings.approach_stray
+        margin += 0.5 * length / steps if steps else 0.0
+        still, answers = np.zeros(steps + 1), np.empty(steps + 1, dtype=np.int64)
+        check_poses(
+            self._arrays,
+            self._boxes,
+            np.where(leant_on, 0.0, np.inf),
+            self._scratch,
+            poses,
+            still,
+            still,
+            PoseMargins(margin, math.inf, math.inf, self.settings.contact_tolerance),
+            answers,
+        )
+        return bool((answers == FREE).all())
 
     def met(
         self,

@@ -10,19 +10,19 @@ import pinocchio as pin
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import Ranges
-from placement_planner_ros.core.types import Array, Contact, Slope
+from placement_planner_ros.core.types import Array, Contact, Resting, Slope
 
 Index = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 
-class ContactPoints(NamedTuple):
-    """Where an object is held by its surroundings."""
+class Missing(NamedTuple):
+    """What there is nothing of to rest on."""
 
-    points: Array
-    """(k, 3) in the world, metres."""
-    normals: Array
-    """(k, 3) unit, from the surroundings into the object."""
+    words: str
+    parameter: str
+    """What to change, and how."""
+    remedy: str
 
 
 class ContactClass(Protocol):
@@ -75,18 +75,15 @@ class ContactClass(Protocol):
         rests no more."""
         ...
 
-    def excluded(self, cells: Array) -> Mask:
-        """(n,) of cells (n, 7) of the hierarchy, those that provably hold no pose with s(x)."""
+    def excluded(self, features: Index, heights: Array, low: Array, high: Array) -> Mask:
+        """(n,) boxes of places, of features (n,) on planes of heights (n,) at x = y = 0, from
+        corner to corner, (n, 3) each of x, y and θ, that provably hold no pose with s(x)."""
         ...
 
-    def contact_points(self, T_world_object: pin.SE3, feature: int) -> ContactPoints:
+    def resting(self, T_world_object: pin.SE3, feature: int) -> Resting:
         """What touches at a pose."""
         ...
 
-    def rests_on(self, feature: int) -> tuple[str, str]:
-        """The class as in the parameter `contacts`, and what a feature leans on, in words."""
-        ...
-
-    def missing(self) -> str:
-        """What there is nothing of to rest on, in words; '' where there is something."""
+    def missing(self) -> Missing | None:
+        """What there is nothing of to rest on; None where there is something."""
         ...

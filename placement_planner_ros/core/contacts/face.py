@@ -13,13 +13,13 @@ from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
 from placement_planner_ros.core.contacts.by_vertices import VertexSupport
-from placement_planner_ros.core.contacts.contact_class import ContactPoints, Index, Mask
+from placement_planner_ros.core.contacts.contact_class import Index, Mask
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import EVERY_TURN, Ranges
-from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, upright
+from placement_planner_ros.core.types import LEVEL, Array, Contact, Resting, Slope, upright
 from placement_planner_ros.core.wishes.turns import Turns
 
 
@@ -92,24 +92,19 @@ class FaceContact:
         """The pose moved within its contact plane, and turned about its normal."""
         return moved_pose(T_world_object, change, contact.slope)
 
-    def excluded(self, cells: Array) -> Mask:
+    def excluded(self, features: Index, heights: Array, low: Array, high: Array) -> Mask:
         """(n,) none: `SupportBound` judges them."""
-        return np.zeros(len(cells), np.bool_)
+        return np.zeros(len(features), np.bool_)
 
-    def contact_points(self, T_world_object: pin.SE3, feature: int) -> ContactPoints:
-        """v(f)."""
+    def resting(self, T_world_object: pin.SE3, feature: int) -> Resting:
+        """On v(f)."""
         face = self.faces[feature]
         normals = np.repeat(-(T_world_object.rotation @ face.normal)[None], len(face.vertices), 0)
         points = face.vertices @ T_world_object.rotation.T + T_world_object.translation
-        return ContactPoints(points, normals)
+        return Resting("face", "", points, normals)
 
-    def rests_on(self, feature: int) -> tuple[str, str]:
-        """It leans on nothing."""
-        return "face", ""
-
-    def missing(self) -> str:
+    def missing(self) -> None:
         """Nothing: a search over no region says so itself."""
-        return ""
 
 
 def placement_pose(

@@ -44,7 +44,7 @@ TABLE = {
     Verdict.UNSTABLE: ConstraintRow(
         "left the object without support",
         "without support",
-        ("edge_margin", "support_margin", "contact_tolerance", "support", *_ASKED),
+        ("edge_margin", "support_margin", "contact_tolerance", "support", "friction", *_ASKED),
         (
             ("target_volume", "choose one with larger surfaces"),
             ("cloud_topics", "name a denser or less noisy cloud, if ~/occupancy shows holes there"),
@@ -126,6 +126,8 @@ def demands(search: Search) -> dict[str, str]:
         value, milder = getattr(asked, name), getattr(default, name)
         if value > milder:
             told[name] = f"lower it: {value:g} m is set, {milder:g} m is usual"
+    if footing.contacts != search.usual_support.contacts:
+        told["friction"] = f"raise it, if surfaces are rougher: {footing.friction:g} is set"
     environment = search.problem.environment
     scatter = environment.measured.noise
     if scatter > footing.contact_tolerance:

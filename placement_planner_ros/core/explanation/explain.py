@@ -46,7 +46,12 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
     left_out = [f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []
     environment, hierarchy = search.problem.environment, search.hierarchy
     steep = too_steep(environment)
-    if not hierarchy.regions:
+    missing = search.poses.contacts.missing()
+    if not hierarchy.regions and missing is not None:
+        told = Explanation(
+            f"no placement region: {missing.words}", (Remedy(missing.parameter, missing.remedy),)
+        )
+    elif not hierarchy.regions:
         told = why_no_region(environment)
         if len(environment.keep_out) and search.before.regions:
             told = Explanation(
@@ -71,7 +76,9 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         told = _no_motion(search, progress)
     else:
         told = _all_refused(search, progress)
-    numbers = (*regions_in_words(environment), *_count_words(search, progress), *left_out)
+    lacking = [f"contacts: {missing.words}"] if missing is not None else []
+    words = (*regions_in_words(environment), *lacking)
+    numbers = (*words, *_count_words(search, progress), *left_out)
     return replace(told, details=(*told.details, *numbers))
 
 
@@ -175,8 +182,10 @@ def _out_of_reach(search: Search) -> dict[str, float]:
 
 def _required_in_words(search: Search) -> str:
     """Required terms that no pose reaches, with what is asked and what is proven to be most."""
-    bound = search.bounds.required
-    most = bound.most(search.bounds.ranges(search.hierarchy.sets.cells))
+    bound, cells = search.bounds.required, search.hierarchy.sets.cells
+    if not search.bounds.turned(cells).all():
+        return ""
+    most = bound.most(search.bounds.ranges(cells))
     low = [
         f"{name} {bound.at_least[name]:g} is asked, {float(values.max()):.3g} is the most"
         for name, values in most.items()

@@ -101,7 +101,7 @@ class Clearance:
     ) -> tuple[Array, Array]:
         """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
         stands on; with a sign, what sign · C is not above."""
-        if not self._inclines:
+        if not self._inclines or not len(self._faces):
             return self._field(0, sign).mean_clearance_batch(T, points, slopes)
         stands_on = self._stands_on(T)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.types import LEVEL, Array, upright
 
@@ -44,6 +45,12 @@ class SupportingFaces:
     """
 
     def __init__(self, context: ObjectiveContext) -> None:
+        if not context.body.faces:
+            raise ParameterError(
+                "objective_terms",
+                "terms of the face that is down",
+                "the object can stand on none: leave out high, edge, aligned and stance",
+            )
         self.slopes = np.array([LEVEL, *(each.slope for each in context.environment.inclines)])
         self.middles = np.array([face.vertices.mean(axis=0) for face in context.body.faces])
         self.middles = self.middles.reshape(-1, 3)

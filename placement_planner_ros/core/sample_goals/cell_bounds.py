@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.contacts.contact_class import ContactClass
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
@@ -17,7 +17,7 @@ from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.required_bounds import RequiredBound
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
-from placement_planner_ros.core.search.cell_layout import PoseSets
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, PoseSets, sets_of
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Array
 
@@ -32,7 +32,7 @@ _ROUNDING = 1e-9
 class _Reach:
     """Whether any arm is long enough: how far its wrist gets from its shoulder is bounded."""
 
-    def __init__(self, body: Body, holdings: Iterable[Holding]) -> None:
+    def __init__(self, contacts: ContactClass, holdings: Iterable[Holding]) -> None:
         # Each arm's bound, with its wrist in the frame of the object.
         bounds, in_object = [], []
         for holding in holdings:
@@ -42,10 +42,16 @@ class _Reach:
         wrists = np.array(in_object).reshape(-1, 3)
         self._shoulders = np.array([bound.shoulder for bound in bounds]).reshape(-1, 3)
         self._lengths = np.array([bound.length for bound in bounds])
-        # The wrists in the frame of each face.
-        self._wrists = np.array(
-            [wrists @ f.T_face_object.rotation.T + f.T_face_object.translation for f in body.faces]
-        ).reshape(len(body.faces), len(wrists), 3)
+        # The wrists in the frame of each face; of what is turned otherwise, how far they are from
+        # its reference point.
+        frames, shape = contacts.frames, (len(contacts.frames), len(wrists))
+        self._wrists, self._around = np.zeros((*shape, 3)), np.zeros(shape)
+        for feature, T in enumerate(frames):
+            if T is None:
+                away = wrists - contacts.references[feature]
+                self._around[feature] = np.linalg.norm(away, axis=1)
+            else:
+                self._wrists[feature] = wrists @ T.rotation.T + T.translation
 
     def out_of_reach(self, placed: PlacedCells) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
@@ -58,7 +64,7 @@ class _Reach:
         aside = np.maximum(away[..., :2] - placed.half[:, None], 0.0)
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
         height = np.maximum(away[..., 2] - placed.rises(wrists), 0.0)
-        return np.asarray(np.hypot(distance, height) - self._lengths)
+        return np.asarray(np.hypot(distance, height) - self._lengths - self._around[placed.face])
 
 
 class BranchBounds:
@@ -85,9 +91,10 @@ class BranchBounds:
     ) -> None:
         self._sets = sets
         self._poses, self._objective = poses, objective
-        self._reach = _Reach(poses.problem.body, holdings)
-        faces = poses.problem.body.faces
-        self._T_face_object = np.array([f.T_face_object.homogeneous for f in faces])
+        self._turning = np.array([frame is not None for frame in poses.contacts.frames], np.bool_)
+        self._reach = _Reach(poses.contacts, holdings)
+        frames = [frame for frame in poses.contacts.frames if frame is not None]
+        self._T_face_object = np.array([frame.homogeneous for frame in frames])
         self.required = RequiredBound(poses)
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
@@ -107,11 +114,30 @@ class BranchBounds:
         return PlacedCells(self._sets, cells)
 
     def ranges(self, cells: Array) -> PoseRanges:
-        """The poses of cells (n, 7)."""
+        """The poses of cells (n, 7) of features that are turned about a normal."""
         return self.placed(cells).ranges(self._T_face_object)
+
+    def turned(self, cells: Array) -> Mask:
+        """(n,) cells of such features; of others only reach and support are known."""
+        return np.asarray(self._turning[self._sets.face[sets_of(cells)]])
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 7) cells."""
+        turned = self.turned(cells)
+        if turned.all():
+            return self._rulings_of_faces(cells)
+        result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
+        if turned.any():
+            result[turned] = self._rulings_of_faces(cells[turned])
+        others = np.flatnonzero(~turned)
+        placed = self.placed(cells[others])
+        low, high = cells[others][:, LOWER], cells[others][:, UPPER]
+        excluded = self._poses.contacts.excluded(placed.face, placed.height, low, high)
+        result[others[excluded]] = Ruling.UNSUPPORTED
+        result[others[self._reach.out_of_reach(placed)]] = Ruling.OUT_OF_REACH
+        return result
+
+    def _rulings_of_faces(self, cells: Array) -> npt.NDArray[np.int64]:
         placed = self.placed(cells)
         ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
@@ -126,7 +152,11 @@ class BranchBounds:
         known."""
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
-        return self._objective.most_around(self.ranges(cells)) + _ROUNDING
+        turned = self.turned(cells)
+        most = np.full(len(cells), np.inf)
+        if turned.any():
+            most[turned] = self._objective.most_around(self.ranges(cells[turned])) + _ROUNDING
+        return most
 
     def beyond_reach(self, cells: Array) -> Array:
         """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 7); 0

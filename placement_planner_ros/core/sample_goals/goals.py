@@ -232,7 +232,6 @@ class GoalFinder:
                     motion.retreat,
                     slope,
                     motion.opening,
-                    self._poses.contacts.rests_on(feature),
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE

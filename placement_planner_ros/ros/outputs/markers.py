@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array, Resting, TargetVolume
 from placement_planner_ros.ros.outputs.conversions import pose_message
 
 _VOLUME = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.12)
@@ -21,6 +21,9 @@ _REGION = ColorRGBA(r=0.2, g=0.7, b=0.3, a=0.6)
 _OBJECT = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _PATH = ColorRGBA(r=0.8, g=0.1, b=0.5, a=1.0)
 _STANDING = ColorRGBA(r=0.1, g=0.5, b=0.5, a=1.0)
+_FORCE = ColorRGBA(r=0.1, g=0.2, b=0.8, a=1.0)
+FORCE_LENGTH_M = 0.05
+"""m, of the lines from where a leaning object touches, along what holds it."""
 MOST_POINTS = 1500
 """Of an object that stands, as all of them go along with every placement."""
 
@@ -56,9 +59,9 @@ def scene_markers(
 
 
 def placement_markers(
-    header: Header, body: Body, T_world_object: pin.SE3, path: Array
+    header: Header, body: Body, T_world_object: pin.SE3, path: Array, resting: Resting | None
 ) -> list[Marker]:
-    """A placement.
+    """A placement; where it leans, with what holds it where it touches.
 
     Args:
         path: (n, 3) way of the tip.
@@ -66,7 +69,13 @@ def placement_markers(
     corners = body.vertices[body.triangles].reshape(-1, 3)
     placed = _triangles_marker(header, "object", corners, _OBJECT)
     placed.pose = pose_message(T_world_object)
-    return [placed, _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005)]
+    lines = np.zeros((0, 3))
+    if resting is not None and resting.on:
+        ends = resting.points + FORCE_LENGTH_M * resting.normals
+        lines = np.stack([resting.points, ends], axis=1).reshape(-1, 3)
+    forces = _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.004)
+    forces.action = Marker.ADD if len(lines) else Marker.DELETE
+    return [placed, forces, _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005)]
 
 
 def _box_markers(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> list[Marker]:

@@ -156,6 +156,9 @@ class Outputs:
             values["unseen"] = f"{placement.unseen:.4f}"
         if placement.gap is not None:
             values["gap"] = placement.gap
+        resting = placement.resting
+        if resting is not None:
+            values |= {"contact": resting.contact, "leans_on": resting.on}
         words = (
             f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to "
             + "{:.3f} {:.3f} {:.3f}".format(*T.translation)
@@ -163,6 +166,8 @@ class Outputs:
         )
         if retreat is not None:
             words += f", retreat {retreat.duration:.1f} s"
+        if resting is not None and resting.on:
+            words += f", leaning on {resting.on}"
         if placement.unseen:
             words += f", {placement.unseen:.1%} of the way where no sensor looked"
         if placement.terms:
@@ -175,7 +180,9 @@ class Outputs:
             self._objective.publish(Float64(data=objective))
             self._solution.publish(self._manifest(header, words, values))
             self._draw()
-            drawn = placement_markers(header, snapshot.body, T, tip_path(placement, snapshot))
+            drawn = placement_markers(
+                header, snapshot.body, T, tip_path(placement, snapshot), resting
+            )
             self._markers.publish(MarkerArray(markers=self._scene + drawn))
 
     def status(self, level: bytes, message: str, values: Mapping[str, object]) -> None:

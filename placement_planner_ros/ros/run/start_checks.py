@@ -105,7 +105,7 @@ def take_snapshot(
         (*standing.notes, *([str(fixed)] if fixed.furniture else []), *inputs.turned_notes()),
         changes,
     )
-    attempt(lambda: require_face(body))
+    attempt(lambda: require_face(body, parameters.planner_settings.contacts))
     attempt(lambda: require_grid(snapshot))
     return faults or snapshot
 
@@ -203,19 +203,19 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     ]
 
 
-def require_face(body: Body) -> None:
-    """Refuse a body that can stand on nothing.
+def require_face(body: Body, contacts: Sequence[str]) -> None:
+    """Refuse a body that can stand on nothing, unless other contact classes are looked for.
 
     Raises:
         ObjectError: it has no placement face.
     """
-    if body.faces:
+    if body.faces or set(contacts) - {"face"}:
         return
     extents = np.ptp(body.vertices, axis=0).round(4).tolist()
     why = "it has no face to rest on; "
     if body.rolling:
         why = f"it could roll from each of its {body.rolling} rests; set object.allow_rolling, or "
-    why += "try object.center_of_mass, object.flatness, or another mesh"
+    why += "add lean to contacts, or try object.center_of_mass, object.flatness, or another mesh"
     raise ObjectError("object", f"{len(body.vertices)} vertices, {extents} m large", why)
 
 

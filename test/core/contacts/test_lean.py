@@ -1,0 +1,229 @@
+"""Leaning: what is said to stay does, in statics of another make and in a physics engine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
+from helpers.leaning import leaning_poses, situations
+from helpers.problems import problem_of
+from helpers.right_solution import ROOT
+
+from benchmarks.cases import Case
+from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
+from placement_planner_ros.core.contacts.lean_edges import lean_edges
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.types import LEVEL, Contact
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+
+SITUATIONS = situations(0)
+NOTHING = {
+    "slippery": "friction 0.0",
+    "much asked": "friction 0.3",
+    "bottle": "friction 0.3",
+    "plate": "friction 0.3",
+    "low wall": "too low",
+}
+"""What is said where nothing can lean, in part."""
+MOVED, TILTED = 0.008, np.deg2rad(3.0)
+"""m and rad that what was released may come away."""
+
+
+def task_of(situation):
+    body, volume = situation.body, situation.scene.volume
+    asked = replace(PlannerSettings(), **situation.settings)
+    return Task(
+        situation.parts,
+        volume.boxes[:, 0],
+        volume.boxes[:, 1],
+        body.vertices,
+        body.triangles,
+        body.center_of_mass,
+        "",
+        "",
+        {},
+        {},
+        "",
+        friction=asked.friction,
+        stability_margin=asked.stability_margin,
+    )
+
+
+@pytest.mark.parametrize("cloud", ["complete", "camera"])
+@pytest.mark.parametrize("situation", SITUATIONS, ids=lambda situation: situation.name)
+def test_things_lean_where_they_can_and_nowhere_else(situation, cloud):
+    rng = np.random.default_rng(1)
+    contact = situation.contact(situation.environment(cloud, rng))
+    found = leaning_poses(contact, rng, most=4, tries=200)
+    assert bool(found) == situation.possible
+    task, missing = task_of(situation), contact.missing()
+    assert not [faults for T, _ in found if (faults := check_leaning(task, T, Tolerances()))]
+    assert (missing is None) == bool(contact.regions)
+    if situation.name in NOTHING:
+        assert NOTHING[situation.name] in missing.words
+
+
+def disturbed(T, center, rng):
+    """A pose (4, 4) up to 2 mm and 1 degree away, turned about the centre of mass."""
+    axis, way = rng.normal(size=(2, 3))
+    turn = pin.exp3(np.deg2rad(rng.uniform(0.0, 1.0)) * axis / np.linalg.norm(axis))
+    off = pin.SE3(turn, rng.uniform(0.0, 0.002) * way / np.linalg.norm(way))
+    middle = pin.SE3(np.eye(3), T[:3, :3] @ center + T[:3, 3])
+    return middle * off * middle.inverse() * pin.SE3(T)
+
+
+@pytest.mark.parametrize(
+    "situation", [s for s in SITUATIONS if s.possible], ids=lambda situation: situation.name
+)
+def test_what_leans_stays_when_it_is_let_go(situation):
+    pytest.importorskip("mujoco")
+    from helpers.settle import settle
+
+    rng = np.random.default_rng(2)
+    contact = situation.contact(situation.environment("complete", rng))
+    body, solids = situation.body, [part.vertices for part in situation.parts]
+    pieces = [np.asarray(piece.vertices) for piece in situation.thing.split()]
+    friction = situation.settings.get("friction", 0.3)
+    for T, _ in leaning_poses(contact, rng, most=2):
+        for factor in (1.0, 1.5):
+            x = disturbed(T, body.center_of_mass, rng)
+            result = settle(
+                solids, pieces, body.center_of_mass, x, friction=factor * friction, noslip=10
+            )
+            assert result.moved < MOVED
+            assert result.tilted < TILTED
+
+
+def ladder(angle, half_width=0.1, length=0.3):
+    """Contacts of a plank that leans by an angle from the vertical against the plane x = 0, and
+    its centre of mass."""
+    run, rise = length * np.sin(angle), length * np.cos(angle)
+    floor = np.array([[run, y, 0.0] for y in (-half_width, half_width)])
+    wall = np.array([[0.0, y, rise] for y in (-half_width, half_width)])
+    return floor, wall, 0.5 * np.array([run, 0.0, rise])
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.6])
+def test_a_plank_stays_as_far_as_friction_of_the_floor_says(friction):
+    """Pushed away from the wall, the floor has to hold half the push and tan(angle) / 2."""
+    margin, out = 0.05, np.array([1.0, 0.0, 0.0])
+    steepest = np.arctan(2.0 * friction - (margin + np.tan(TILT_RAD)))
+    for share, expected in ((0.5, True), (0.8, True), (1.01, False), (1.5, False)):
+        floor, wall, center = ladder(share * steepest)
+        assert stays(floor, wall, out, center, friction, margin) == expected
+        if expected:
+            points, up = np.vstack([floor, wall]), [0.0, 0.0, 1.0]
+            normals = np.array([up, up, out, out])
+            assert not balance(points, normals, center, friction, margin)
+
+
+def test_upright_against_the_wall_it_would_fall_away_from_it():
+    floor, wall, center = ladder(0.05)
+    assert not stays(floor, wall, np.array([1.0, 0.0, 0.0]), center, 0.5, 0.05)
+
+
+def test_the_distance_from_the_wall_says_how_the_object_is_turned():
+    rng = np.random.default_rng(3)
+    for points in (rng.normal(size=(12, 3)), SITUATIONS[0].thing.vertices * 5.0):
+        for edge in lean_edges(points)[:8]:
+            for tilt in (0.0, 0.15, -0.1):
+                distances = np.linspace(0.02, 1.5, 40)
+                turns = edge.turns(distances, tilt)
+                known = np.flatnonzero(np.isfinite(turns))
+                assert (np.diff(turns[known]) > 0.0).all()
+                placed = (points - edge.reference) @ edge.rotations(turns[known]).transpose(0, 2, 1)
+                out = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
+                away = placed @ out + distances[known, None] * np.cos(tilt)
+                np.testing.assert_allclose(away.min(axis=1), 0.0, atol=1e-9)
+                np.testing.assert_allclose(placed[..., 2].min(axis=1), 0.0, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def leaning():
+    """A crayons box that the robot leans on the back wall of the cabinet, with what was asked."""
+    case = Case("cabinet_high_clutter", "small_crayons_box", "maximize_clearance")
+    problem, objective = problem_of(case)
+    settings = PlannerSettings(contacts=("lean",))
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(7))
+    placements = list(
+        planner.run(
+            lambda: planner.statistics.solutions >= 2 or planner.statistics.samples >= 20_000
+        )
+    )
+    return case, problem, planner, placements
+
+
+def test_a_robot_leans_a_box_and_another_program_agrees(leaning):
+    case, problem, _, placements = leaning
+    assert placements
+    names = problem.robot.joint_names
+    task = Task.of(
+        scene_by_name(case.scene),
+        object_by_name(case.object),
+        (ROOT / "urdf/yumi.urdf").read_text(),
+        (ROOT / "urdf/yumi.srdf").read_text(),
+        {"placement_planner_ros": ROOT},
+        dict(zip(names, problem.q_start.tolist(), strict=True)),
+        "",
+    )
+    settings = PlannerSettings()
+    task = replace(task, friction=settings.friction, stability_margin=settings.stability_margin)
+    checker = SolutionChecker(task, Tolerances(acceleration_limit=np.inf))
+    arms = {arm.name: arm for arm in problem.arms}
+    for placement in placements:
+        assert placement.resting.contact == "lean"
+        assert "wall" in placement.resting.on
+        assert placement.goal.opening[2] == pytest.approx(np.sqrt(0.5), abs=0.01)
+        assert checker.check(Solution.of(placement, arms[placement.arm])) == []
+
+
+def test_what_leans_is_moved_along_the_wall_and_to_and_from_it(leaning):
+    _, _, planner, placements = leaning
+    goal, contacts = placements[0].goal, planner._poses.contacts
+    out = contacts.opening(goal.face)[:2] / np.linalg.norm(contacts.opening(goal.face)[:2])
+    for change in (0.004 * np.array([-out[1], out[0]]), 0.001 * out, -0.001 * out):
+        moved = contacts.moved(goal.T_world_object, goal.contact, np.array([*change, 0.3]))
+        resting = contacts.resting(moved, goal.face)
+        before = contacts.resting(goal.T_world_object, goal.face)
+        assert len(resting.points) == len(before.points)
+        foot = resting.points[resting.normals[:, 2] > 0.5].mean(axis=0)
+        was = before.points[before.normals[:, 2] > 0.5].mean(axis=0)
+        np.testing.assert_allclose(foot - was, [*change, 0.0], atol=1e-9)
+    away = contacts.moved(goal.T_world_object, goal.contact, np.array([*(2.0 * out), 0.0]))
+    assert away is None
+
+
+def test_nothing_that_stands_on_a_face_is_drawn_where_only_leaning_is_asked(leaning):
+    _, problem, planner, _ = leaning
+    poses = planner._poses
+    assert all(frame is None for frame in poses.contacts.frames)
+    both = PlacementPlanner(
+        problem,
+        lambda T: 0.0,
+        PlannerSettings(contacts=("face", "lean")),
+        np.random.default_rng(0),
+    )._poses.contacts
+    faces = len(problem.body.faces)
+    assert len(both.references) == faces + len(poses.contacts.references)
+    own = {id(region) for region in problem.environment.regions}
+    for region in both.regions:
+        on_face = [k for k in range(faces) if both.ranges(k, region)]
+        leans = [k for k in range(faces, len(both.references)) if both.ranges(k, region)]
+        assert bool(on_face) == (id(region) in own)
+        assert bool(leans) == (id(region) not in own)
+    region = next(r for r in both.regions if id(r) not in own)
+    leans = next(k for k in range(faces, len(both.references)) if both.ranges(k, region))
+    at = region.sample(np.random.default_rng(0))[None]
+    T = both.poses(np.array([0, leans]), np.repeat(at, 2, axis=0), np.zeros(2), None)
+    alone = poses.contacts.poses(np.array([leans - faces]), at, np.zeros(1), None)
+    np.testing.assert_array_equal(T[1], alone[0])
+    heights = np.full(2, region.z)
+    one = poses.contacts.free(alone, np.array([leans - faces]), heights[:1], 0.02, LEVEL)
+    assert both.free(T, np.array([0, leans]), heights, 0.02, LEVEL)[1] == one[0]
+    contact = Contact(leans, region.z)
+    assert both.opening(leans) == pytest.approx(poses.contacts.opening(leans - faces))
+    assert planner._poses.stable(pin.SE3(alone[0]), leans - faces) == bool(
+        both.stable(T[1:], np.array([contact.feature]), LEVEL)[0]
+    )
