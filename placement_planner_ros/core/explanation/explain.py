@@ -241,8 +241,8 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
 
 def _broken_in_words(search: Search) -> str:
     """The rules that the poses remembered break, the one that most do first."""
-    poses = search.finder.rejections.poses[Verdict.BREAKS_RULE]
-    broken = Counter(name for pose in poses for name in search.poses.broken(pose.T_world_object))
+    poses = search.finder.rejections.against_rules
+    broken = Counter(name for pose in poses for name in search.poses.broken(pose))
     return f"broke {', '.join(name for name, _ in broken.most_common()) or 'a rule'}"
 
 

@@ -19,7 +19,7 @@ from placement_planner_ros.core.objective.objective import (
     evaluate_objective,
     values_above,
 )
-from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
+from placement_planner_ros.core.sample_goals.rejections import Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
@@ -81,11 +81,8 @@ class GoalFinder:
         )
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        remembering = best == -np.inf
-        # Poses refused before anything is found are remembered.
-        if remembering:
-            heights = draws.contact[:, 2] - (draws.contact[:, :2] * draws.slope).sum(axis=1)
-            self.rejections.remember(verdicts, draws.face, T, heights, draws.slope)
+        broken = np.flatnonzero(verdicts == Verdict.BREAKS_RULE)[:1]
+        self.rejections.against_rules.extend(pin.SE3(T[row]) for row in broken)
         # ξ of those that pass.
         if len(free):
             values[free] = self._values(T[free], best)
@@ -95,15 +92,8 @@ class GoalFinder:
         for row in free[values[free] > best]:
             if should_stop():
                 return Outcome(verdicts[:row], values[:row], found)
-            reached = self._reach_any(
-                draws,
-                int(row),
-                pin.SE3(T[row]),
-                float(values[row]),
-                best,
-                should_stop,
-                remembering,
-            )
+            wanted = Wanted(_contact_of(draws, int(row)), pin.SE3(T[row]), float(values[row]))
+            reached = self._reach_any(draws, int(row), wanted, best, should_stop)
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
                 if reached <= Verdict.NOT_BETTER:  # turned as the arm can
@@ -136,15 +126,12 @@ class GoalFinder:
         self,
         draws: Draws,
         row: int,
-        x: pin.SE3,
-        value: float,
+        wanted: Wanted,
         best: float,
         should_stop: Callable[[], bool],
-        remembering: bool,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         # The arm and grasp that were drawn, or all in random order.
-        wanted = Wanted(_contact_of(draws, row), x, value)
         if draws.arm[row] >= 0:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
@@ -152,15 +139,13 @@ class GoalFinder:
         furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
             for tried, goal in self._tries(self.holdings[k], wanted, best):
-                feature, height, slope = tried.contact
+                tries = self.rejections.tries[k, tried.contact.feature]
                 if not isinstance(goal, Verdict):
-                    self.rejections.tries[k, feature, Verdict.FEASIBLE] += 1
+                    tries[Verdict.FEASIBLE] += 1
                     return goal
-                self.rejections.tries[k, feature, goal] += 1
-                if remembering:
-                    self.rejections.poses[goal].append(
-                        RejectedPose(feature, tried.x, height, k, slope)
-                    )
+                tries[goal] += 1
+                if goal is Verdict.BREAKS_RULE:
+                    self.rejections.against_rules.append(tried.x)
                 furthest = max(furthest, goal)
             if should_stop():
                 break
