@@ -78,7 +78,7 @@ class BranchBounds:
 
     Attributes:
         required: what of required terms is known of whole cells.
-        bounded: whether anything is known of ξ.
+        bounded: whether anything is known of ξ; not where objects may lean.
         turn_radius: m that one radian counts as: half the size of the object.
     """
 
@@ -98,7 +98,8 @@ class BranchBounds:
         self.required = RequiredBound(poses)
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
-        self.bounded = isinstance(objective, SlowObjective) and objective.bounded
+        slow = isinstance(objective, SlowObjective) and objective.bounded
+        self.bounded = slow and bool(self._turning.all())
 
     @cached_property
     def _support(self) -> SupportBound:
@@ -152,11 +153,7 @@ class BranchBounds:
         known."""
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
-        turned = self.turned(cells)
-        most = np.full(len(cells), np.inf)
-        if turned.any():
-            most[turned] = self._objective.most_around(self.ranges(cells[turned])) + _ROUNDING
-        return most
+        return self._objective.most_around(self.ranges(cells)) + _ROUNDING
 
     def beyond_reach(self, cells: Array) -> Array:
         """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 7); 0
