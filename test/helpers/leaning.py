@@ -186,6 +186,10 @@ def situations(seed):
             "headroom",
             False,
             book(),
-            (*plain, box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.6), GREY)),
+            (
+                _floor(),
+                _wall(height=0.13),
+                box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.13), GREY),
+            ),
         ),
     ]
