@@ -17,6 +17,7 @@ EXECUTABLES = (
 # The planner as a library.
 CORE = [
     "coal>=3.0,<4",
+    "filelock>=3.12,<5",
     "joblib>=1.3,<2",
     "numba>=0.60,<0.70",
     "numpy>=1.26,<3",

@@ -59,6 +59,7 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
     if until_signal:
         catch_signals()
     with ended_while_loading(0 if until_signal else None):
+        _use_kernel_folder()
         try:
             main = import_module(f"{PACKAGE}.{module}").main
         except ModuleNotFoundError as error:
@@ -68,10 +69,16 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
     return main()
 
 
+def _use_kernel_folder() -> None:
+    """Before numba is imported."""
+    import_module(f"{PACKAGE}.core.kernels").use_kernel_folder()
+
+
 def placement_planner() -> Any:
     """The node; or, with `--compile`, what makes it start quickly."""
     if "--compile" in sys.argv[1:]:
         with ended_while_loading():
+            _use_kernel_folder()
             compile_all = import_module(f"{PACKAGE}.compile").main
         return compile_all()
     if _asks_for_help():

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import sys
 import time
-from importlib import import_module
 
 from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.warmup.compiling import (
@@ -78,7 +76,5 @@ def _compile(bar: _Bar) -> int:
     print("compiling the planner's kernels, once per installation and machine", flush=True)
     compile_kernels(bar.show)
     bar.end()
-    with contextlib.suppress(ModuleNotFoundError):  # no ROS here
-        import_module(f"{__package__}.ros.run.preparation").load_input_kernels()
     print(f"all kernels are compiled, after {time.monotonic() - began:.0f} s")
     return 0

@@ -6,9 +6,13 @@ from collections import Counter
 import pytest
 from helpers.domains import claimed_domain
 
+from placement_planner_ros.core.kernels import use_kernel_folder
+
 # Before rclpy is first imported: it reads these when its context starts.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = claimed_domain()
+# Before numba is: it keeps kernels where this says, in all processes that tests begin.
+use_kernel_folder()
 
 LEFT_OUT = Counter()
 """Tests by the reason why they were never begun: deselected, or of a file that was skipped."""

@@ -20,8 +20,7 @@ ORDER = [
     "core.stopping",
     "core.weak_cache",
     "core.disk_cache",
-    "core.kernel_compiler",
-    "core.kernel_cache",
+    "core.uncounted",
     "core.kernels",
     # libraries that each know one thing
     "core.scene",

@@ -8,7 +8,6 @@ import importlib.util
 import itertools
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -50,7 +49,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -238,20 +236,14 @@ def measure_node(subject: MeasuredRobot) -> Iterator[Entry]:
     if importlib.util.find_spec("rclpy") is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        known = cache_folder()
-        for each in known.iterdir() if known is not None and known.is_dir() else ():
-            if _KERNELS.search(each.name):
-                Path(folder, each.name).symlink_to(each)
         entry: Entry = {"row": "node"}
         for word in ("made", "cached"):
-            environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+            environment = {**os.environ, "XDG_CACHE_HOME": folder}
             entry[word], entry[f"{word}_processor"] = _seconds_to_warm(subject, environment)
         yield entry
 
 
 _PACKAGE = "placement_planner_ros"
-_KERNELS = re.compile(r"-[0-9a-f]{16}$")
-"""Ends the names of folders that kernels are kept in; what is made of meshes lies beside them."""
 
 
 def _seconds_to_warm(

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import joblib
-import numba
 import numpy as np
 import scipy
 
@@ -34,7 +33,6 @@ MAX_BYTES = 1_000_000_000
 
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rf"^\s*from ({_PACKAGE.name}[.\w]*) import", re.MULTILINE)
-_config: Any = numba.config
 
 
 class Troubles:
@@ -63,9 +61,7 @@ TROUBLES = Troubles()
 
 
 def cache_folder() -> Path | None:
-    """NUMBA_CACHE_DIR, or one below XDG_CACHE_HOME or ~/.cache; None where there is no home."""
-    if _config.CACHE_DIR:
-        return Path(_config.CACHE_DIR)
+    """One below XDG_CACHE_HOME or ~/.cache; None where there is no home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / _PACKAGE.name
     except RuntimeError:
@@ -255,6 +251,6 @@ def _note_unwritten(kind: str, folder: Path, error: OSError) -> None:
     TROUBLES.note(
         "results unwritten",
         f"what takes long, such as {kind}, cannot be kept in {folder}: "
-        f"{error.strerror or error}; each start makes it again until NUMBA_CACHE_DIR or "
-        "XDG_CACHE_HOME names a folder that can be written",
+        f"{error.strerror or error}; each start makes it again until XDG_CACHE_HOME "
+        "names a folder that can be written",
     )

@@ -37,7 +37,7 @@ from placement_planner_ros.ros.parameters.server import ParameterNode, Parameter
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.patience import LOOK_S, STOP_PATIENCE_S
 from placement_planner_ros.ros.process import begin_ros, leave_at_once, share_heaps
-from placement_planner_ros.ros.run.preparation import Preparation, Prepare, load_input_kernels
+from placement_planner_ros.ros.run.preparation import Preparation, Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
 from placement_planner_ros.ros.run.worker import State, Warmth
@@ -179,7 +179,6 @@ class PlacementPlannerNode(ParameterNode):
         self._inputs.robot.wait()
         robot = self._inputs.robot.robot
         q = pin.neutral(robot.model)
-        load_input_kernels()
         parameters = self._settings.current
         arms = make_arms(robot, parameters)
         for arm in arms:

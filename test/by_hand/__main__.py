@@ -5,6 +5,7 @@ From any folder: what it imports of the checkout and of the tests' helpers is fo
 
 import runpy
 import sys
+from importlib import import_module
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -19,6 +20,7 @@ def main() -> None:
         )
     sys.path[:1] = [str(HERE.parent), str(HERE.parents[1])]
     del sys.argv[0]
+    import_module("placement_planner_ros.core.kernels").use_kernel_folder()
     runpy.run_module(f"by_hand.{sys.argv[0]}", run_name="__main__", alter_sys=True)
 
 

@@ -10,8 +10,7 @@ import time
 
 def compiling(folder):
     """The program with its kernels in that folder."""
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder), "PYTHONUNBUFFERED": "1"}
-    environment.pop("NUMBA_CACHE_DIR", None)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONUNBUFFERED": "1"}
     return subprocess.Popen(
         [sys.executable, "-m", "placement_planner_ros", "placement_planner", "--compile"],
         stdout=subprocess.PIPE,
@@ -46,7 +45,7 @@ def assert_given_up(compilers, folder):
     for each in compilers:
         select.select([each], [], [])
         os.close(each)
-    assert list(folder.rglob("passed-*")) == []
+    assert list(folder.rglob("passed")) == []
 
 
 def test_killed_it_leaves_no_process(tmp_path):
@@ -73,5 +72,5 @@ def test_where_nothing_can_be_kept_it_says_what_to_try(tmp_path):
     blocked.write_text("")
     _, err = (process := compiling(blocked)).communicate(timeout=300.0)
     assert process.returncode == 1
-    assert f"{blocked}/placement_planner_ros: Not a directory" in err
+    assert f"{blocked}/kernels-" in err
     assert "XDG_CACHE_HOME" in err

@@ -20,7 +20,7 @@ from std_msgs.msg import Header, String
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.warmup.warm_up import load_kernels
+from placement_planner_ros.core.warmup.loading import load_kernels
 from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot

@@ -243,3 +243,31 @@ def _signed_crossings(
             if same and volume != 0.0 and _dot_product(a, _cross_product(b, c)) / volume > 0.0:
                 total += 1 if volume > 0.0 else -1
     return total
+
+
+@kernel(nogil=True)
+def rows_in_boxes(points: Array, boxes: Array) -> npt.NDArray[np.int64]:
+    """Rows of points (n, 3) in any of (k, 2, 3) boxes, of which middle and half sides are given."""
+    rows = np.empty(len(points), np.int64)
+    count = 0
+    # a box around all of them first
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for b in range(len(boxes)):
+        for a in range(3):
+            low[a] = min(low[a], boxes[b, 0, a] - boxes[b, 1, a])
+            high[a] = max(high[a], boxes[b, 0, a] + boxes[b, 1, a])
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        within = low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]
+        if not within:  # also where a coordinate is NaN
+            continue
+        for b in range(len(boxes)):
+            if (
+                abs(x - boxes[b, 0, 0]) <= boxes[b, 1, 0]
+                and abs(y - boxes[b, 0, 1]) <= boxes[b, 1, 1]
+                and abs(z - boxes[b, 0, 2]) <= boxes[b, 1, 2]
+            ):
+                rows[count] = p
+                count += 1
+                break
+    return rows[:count]

@@ -1,8 +1,9 @@
 """Compile all kernels in processes of their own, before anybody waits for one.
 
 A process that compiles keeps what the compiler took, for its life, and compiles on one core only.
-Two processes begin with different stages of `KnownTask` and keep each kernel on disk as it is done,
-where the other finds it. Both end where the process that began them does.
+As many as there are cores pass the stages of `KnownTask`, each beginning with another one. A kernel
+is compiled by one of them: the others turn to another stage meanwhile, or wait, and then find it on
+disk. All end where the process that began them does.
 """
 
 from __future__ import annotations
@@ -13,38 +14,29 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import IO
+from pathlib import Path
+from typing import IO, Any
 
-from placement_planner_ros.core.disk_cache import cache_folder
-from placement_planner_ros.core.kernel_cache import claim_versions
-from placement_planner_ros.core.kernels import not_kept
+from filelock import FileLock, Timeout
+from numba.core import event
+
+from placement_planner_ros.core.disk_cache import bypassed_cache
+from placement_planner_ros.core.kernels import kernel_count, kernel_folder
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.warmup.known_task import KnownTask
-from placement_planner_ros.core.warmup.passing import load_passed, pass_every_stage
+from placement_planner_ros.core.warmup.known_task import STAGES, KnownTask
+from placement_planner_ros.core.warmup.loading import CORE_PACKAGE, keep_passed, passed_file
 
 _LOOK_PERIOD_S = 0.5
 """Seconds between looks at how far the processes are."""
 
-_KERNEL_BYTES = 30_000_000
+_KERNEL_BYTES = 100_000_000
 """Bytes that all kernels take at most."""
 
-_SPARING = {
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1",
-}
-"""For each process: one core, and no colours in what numba tells itself of what did not fit."""
-
-_ORDERS = (
-    (KnownTask.reach, KnownTask.carry, KnownTask.collision, KnownTask.swept),
-    (KnownTask.distances,),
-)
-"""The stages that each process begins with: the robot's and the scene's take as long as each other.
-
-A process that came to the stages of the other would catch up with it, as it loads what is there,
-and from then on both would compile the same."""
+_SPARING = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+"""For each process: one core."""
 
 
 class CompilationError(Exception):
@@ -80,8 +72,7 @@ class CompilationProgress:
 
 
 def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
-    """Compile what is not on disk yet, all where that cannot be loaded; stoppable, as
-    `core.stopping` says.
+    """Compile what is not on disk yet; stoppable, as `core.stopping` says.
 
     Args:
         told: how far it is, whenever that changed.
@@ -90,11 +81,11 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
         CompilationError: it failed, or what is compiled cannot be kept.
         StoppedError: nobody wants them any more.
     """
-    if load_passed():
+    passed = passed_file()
+    if passed is not None and passed.is_file():
         return
-    _require_room()
-    missing, kernels = not_kept()
-    began, before, said = time.monotonic(), kernels - len(missing), -1
+    folder = _folder_with_room()
+    kernels, began, before, said = kernel_count(), time.monotonic(), _compiled_in(folder), -1
 
     def tell(done: int) -> None:
         nonlocal said
@@ -103,8 +94,13 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
             told(CompilationProgress(done, kernels, time.monotonic() - began, before))
 
     with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
-        _run_processes(errors, lambda: tell(kernels - len(not_kept()[0])))
+        _run_processes(errors, lambda: tell(_compiled_in(folder)))
     tell(kernels)
+
+
+def _compiled_in(folder: Path) -> int:
+    """How many kernels a folder has in one version or more."""
+    return sum(1 for _ in folder.rglob("*.nbi"))
 
 
 def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
@@ -121,20 +117,20 @@ def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
                 look()
                 time.sleep(_LOOK_PERIOD_S)
         finally:
-            process.kill()  # the copy of it ends as the pipe is closed
+            process.kill()  # the copies of it end as the pipe is closed
     if process.returncode != 0:
         errors.seek(0)
         last = " ".join(errors.read().decode(errors="replace").split())[-300:]
         raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
 
 
-def _require_room() -> None:
+def _folder_with_room() -> Path:
     """Find out at once that nothing can be kept.
 
     Raises:
         CompilationError: it cannot.
     """
-    folder = cache_folder()
+    folder = kernel_folder()
     if folder is None:
         raise CompilationError("there is no home folder")
     try:
@@ -143,6 +139,7 @@ def _require_room() -> None:
             probe.write(bytes(_KERNEL_BYTES))
     except OSError as error:
         raise CompilationError(f"{folder}: {error.strerror or error}") from error
+    return folder
 
 
 def _spawn_process(errors: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -152,21 +149,93 @@ def _spawn_process(errors: IO[bytes]) -> subprocess.Popen[bytes]:
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
-        env={**os.environ, **_SPARING},
+        env={**os.environ, **_SPARING, "NUMBA_CACHE_DIR": str(kernel_folder())},
     )
 
 
+class _Elsewhere(BaseException):
+    """Another process compiles what this one needs."""
+
+
+class _Turns(event.Listener):
+    """Has a kernel compiled by one process at a time, as numba's index of its versions needs, too.
+
+    Attributes:
+        patient: whether what another process compiles is waited for, before `_Elsewhere` is raised.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self.patient = folder, False
+        self._held: list[FileLock] = []
+        self._done: list[FileLock] = []
+
+    def on_start(self, told: Any) -> None:
+        """A kernel is not on disk, and would be compiled."""
+        self.give_back()
+        kernel = told.data["dispatcher"].py_func
+        lock = FileLock(self._folder / f"{kernel.__module__}.{kernel.__name__}.lock")
+        self._held.append(lock)  # numba tells the end of whatever it told the start of
+        if not kernel.__module__.startswith(CORE_PACKAGE):
+            return  # numba's own, which is not kept
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            if self.patient:
+                lock.acquire()
+            raise _Elsewhere from None
+
+    def on_end(self, told: Any) -> None:
+        """It was compiled; numba writes it now, before it begins anything else."""
+        self._done.append(self._held.pop())
+
+    def give_back(self) -> None:
+        """Let others have what has been written."""
+        while self._done:
+            self._done.pop().release()
+
+
+def _pass_stages(first: int) -> None:
+    """Pass all stages, from that one on."""
+    folder = kernel_folder()
+    assert folder is not None
+    turns = _Turns(folder)
+    event.register("numba:compile", turns)
+    waiting, put_off = deque(STAGES[first:] + STAGES[:first]), 0
+    task: KnownTask | None = None
+    with bypassed_cache():
+        while waiting:
+            turns.patient = put_off >= len(waiting)
+            try:
+                task = task or KnownTask()
+                waiting[0](task)
+            except _Elsewhere:
+                waiting.rotate(-1)
+                put_off += 1
+            else:
+                waiting.popleft()
+                put_off = 0
+            turns.give_back()
+
+
 def _compile_in_processes() -> int:
-    """Compile in two processes, of which the second is a copy of what the first has imported.
+    """Compile in as many processes as there are cores, copies of what this one has imported.
 
     Returns:
-        0 where neither failed.
+        0 where none failed.
     """
-    claim_versions()
-    other = os.fork()
+    count = len(os.sched_getaffinity(0))
+    others: list[int] = []
+    while len(others) < count - 1:
+        others.append(os.fork())
+        if others[-1] == 0:  # this is the copy
+            threading.Thread(target=_end_with_caller, daemon=True).start()
+            _pass_stages(len(others) * len(STAGES) // count)
+            return 0
     threading.Thread(target=_end_with_caller, daemon=True).start()
-    pass_every_stage(_ORDERS[0 if other else 1])
-    return os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) if other else 0
+    _pass_stages(0)
+    codes = [os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) for other in others]
+    keep_passed()
+    return next((code for code in codes if code), 0)
 
 
 def _end_with_caller() -> None:

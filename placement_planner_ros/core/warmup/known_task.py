@@ -9,7 +9,7 @@ wherever that stands.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 
@@ -24,6 +24,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.meshes.triangle_tree import TriangleTree, rows_in_boxes
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext, objective_gradient
 from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
@@ -34,6 +35,7 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -62,27 +64,14 @@ class KnownTask:
         self._moving = MovingArm(self._robot, self._arm, self._q)
         self._box = _body_of_mesh(trimesh.creation.box((0.06, 0.06, 0.1)))
 
-    def solve(self, first: Sequence[Callable[[KnownTask], None]] = ()) -> None:
+    def solve(self) -> None:
         """Pass all stages.
-
-        Args:
-            first: of them, those to begin with. Two processes that begin with different ones
-                compile different kernels.
 
         Raises:
             WarmupError: a stage was not passed.
         """
-        for stage in first:
-            stage(self)
-        for sampler in SAMPLERS:
-            self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
-        self._place(self._problem, replace(PlannerSettings(), support="polygon"))
-        self._place(self._problem, self._carefully())
         for stage in STAGES:
-            if stage not in first:
-                stage(self)
-        self._place(replace(self._problem, body=_body_of_mesh(_tray_mesh())), PlannerSettings())
-        self._search_in_vain()
+            stage(self)
 
     def reach(self) -> None:
         """Inverse kinematics, with the self-motions that only some searches need."""
@@ -96,13 +85,21 @@ class KnownTask:
         chain.jacobian(q, np.eye(4))
         chain.joint_frames(q)
 
-    def collision(self) -> None:
-        """Configurations, edges and hands that are free or not."""
+    def configurations(self) -> None:
+        """Configurations that are free or not, and why not."""
         arm, q = self._holding_arm(), self._q[self._arm.q_index]
         arm.free_batch(q[None])
-        arm.edge_free(q, q + 0.01)
-        arm.hand_collides(Chain.from_robot(self._robot, self._arm, self._q).forward(q), 0.0)
         arm.explain(q)
+
+    def hands(self) -> None:
+        """Hands that are free or not."""
+        chain = Chain.from_robot(self._robot, self._arm, self._q)
+        self._holding_arm().hand_collides(chain.forward(self._q[self._arm.q_index]), 0.0)
+
+    def edges(self) -> None:
+        """Edges that are free or not."""
+        arm, q = self._holding_arm(), self._q[self._arm.q_index]
+        arm.edge_free(q, q + 0.01)
 
     def distances(self) -> None:
         """Clearance and its gradient; how far surfaces go on, and what rises from them."""
@@ -110,6 +107,7 @@ class KnownTask:
         objective = make_objective("maximize_clearance", context)
         objective_gradient(objective, _translated_pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
+        self._environment.clearance.envelope(1.0)
         support = self._environment.support
         support.supported(np.zeros((1, 3)), 0.003, 0.05)
         one, far_below = (
@@ -137,6 +135,27 @@ class KnownTask:
         upright.project(q + 0.2)
         upright.keeps(q, q + 0.01)
         upright.keeps_timed(q, q + 0.01, np.full(chain.dof, 0.01))
+
+    def self_filter(self) -> None:
+        """Which points of a cloud belong to a surface, and which are far from all that matters."""
+        tree = TriangleTree.of(self._box.vertices[self._box.triangles], closed=True)
+        tree.distances(np.zeros((1, 3)), 0.01)
+        rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))
+        cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
+
+    def samplers(self) -> None:
+        """A placement by each sampler."""
+        for sampler in SAMPLERS:
+            self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
+
+    def settings(self) -> None:
+        """Support by polygons, and an object that is kept upright and jerked little."""
+        self._place(self._problem, replace(PlannerSettings(), support="polygon"))
+        self._place(self._problem, self._carefully())
+
+    def hollow_object(self) -> None:
+        """A placement of what is not convex."""
+        self._place(replace(self._problem, body=_body_of_mesh(_tray_mesh())), PlannerSettings())
 
     @functools.cached_property
     def _environment(self) -> Environment:
@@ -179,7 +198,7 @@ class KnownTask:
             raise WarmupError("warmup", settings.sampler, f"found nothing: {planner.explain()}")
         planner.explain()
 
-    def _search_in_vain(self) -> None:
+    def search_in_vain(self) -> None:
         """Where support is out of reach, and where it is too narrow."""
         inside = self._environment.volume
         for away, width, name in ((4.0, 0.06, "out of reach"), (0.0, 0.02, "too narrow")):
@@ -196,13 +215,21 @@ class KnownTask:
 
 
 STAGES = (
-    KnownTask.reach,
-    KnownTask.collision,
-    KnownTask.distances,
+    KnownTask.configurations,
+    KnownTask.edges,
     KnownTask.swept,
     KnownTask.carry,
+    KnownTask.samplers,
+    KnownTask.distances,
+    KnownTask.self_filter,
+    KnownTask.reach,
+    KnownTask.hands,
+    KnownTask.settings,
+    KnownTask.hollow_object,
+    KnownTask.search_in_vain,
 )
-"""What only some searches need."""
+"""Stages of a search. Those of the robot and of the scene take as long as each other: who begins in
+the middle has most of what the others compile later."""
 
 
 def _stage_rng() -> np.random.Generator:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +13,7 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.warmup.passing import load_passed, pass_every_stage
+from placement_planner_ros.core.warmup.loading import load_kernels
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
@@ -32,14 +31,3 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         seed_table(Chain.from_robot(robot, arm, q_robot))
         somewhere = ObstacleSet.from_points(np.zeros((1, 3)))
         ArmCollision(MovingArm(robot, arm, q_robot), None, somewhere)
-
-
-@functools.cache
-def load_kernels() -> None:
-    """Load what every stage of a search needs, once in a process; before that was kept, pass all.
-
-    Raises:
-        WarmupError: a stage was not passed.
-    """
-    if not load_passed():
-        pass_every_stage()

@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import hull_triangles
 from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
-from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
+from placement_planner_ros.core.meshes.triangle_tree import TriangleTree, rows_in_boxes
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.overlap import is_mesh, triangles_of
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -151,7 +150,7 @@ class Outline:
 
     def near(self, points: Array) -> npt.NDArray[np.int64]:
         """Rows of the points (n, 3) in the upright boxes around these."""
-        return _in_boxes(np.ascontiguousarray(points), self.boxes())
+        return rows_in_boxes(np.ascontiguousarray(points), self.boxes())
 
     def outside(self, points: Array) -> Mask:
         """Which of the (n, 3) points are neither in it nor within its padding."""
@@ -215,7 +214,7 @@ def near_points(
         (n,) which are farther away; and the obstacles among the others.
     """
     boxes = np.concatenate([outline.boxes() for outline in (robot, *held.values())])
-    around = _in_boxes(np.ascontiguousarray(points), boxes)  # most points are nowhere near
+    around = rows_in_boxes(np.ascontiguousarray(points), boxes)  # most points are nowhere near
     kept = np.ones(len(points), np.bool_)
     points = points[around]
     of_robot = robot.look(points)
@@ -276,34 +275,6 @@ def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDAr
     for axis in range(3):
         near &= np.abs(points[:, axis] - middle[axis]) <= half[axis]
     return np.flatnonzero(near)
-
-
-@kernel(nogil=True)
-def _in_boxes(points: Array, boxes: Array) -> npt.NDArray[np.int64]:
-    """Rows of points (n, 3) in any of (k, 2, 3) boxes, of which middle and half sides are given."""
-    rows = np.empty(len(points), np.int64)
-    count = 0
-    # a box around all of them first
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for b in range(len(boxes)):
-        for a in range(3):
-            low[a] = min(low[a], boxes[b, 0, a] - boxes[b, 1, a])
-            high[a] = max(high[a], boxes[b, 0, a] + boxes[b, 1, a])
-    for p in range(len(points)):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        within = low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]
-        if not within:  # also where a coordinate is NaN
-            continue
-        for b in range(len(boxes)):
-            if (
-                abs(x - boxes[b, 0, 0]) <= boxes[b, 1, 0]
-                and abs(y - boxes[b, 0, 1]) <= boxes[b, 1, 1]
-                and abs(z - boxes[b, 0, 2]) <= boxes[b, 1, 2]
-            ):
-                rows[count] = p
-                count += 1
-                break
-    return rows[:count]
 
 
 def _upright_box(T: pin.SE3, tree: TriangleTree, cap: float) -> tuple[Array, Array]:

@@ -19,14 +19,9 @@ from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
-from placement_planner_ros.core.warmup.known_robot import known_robot
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.inputs import point_cloud
-from placement_planner_ros.ros.inputs.self_filter import Outline, near_points
 from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
@@ -71,15 +66,6 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlann
         settings,
         np.random.default_rng(None if seed < 0 else seed),
     )
-
-
-def load_input_kernels() -> None:
-    """Read, filter and crop a cloud of one point."""
-    robot, _ = known_robot()
-    outline = Outline.of_robot(robot, np.zeros(robot.model.nq), 0.0)
-    near_points(np.zeros((1, 3)), outline, {}, 0.0, GridSettings())
-    point_cloud.warm_up()
-    cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from numba.core import event
 
 from placement_planner_ros import Body, Environment, PlannerSettings
-from placement_planner_ros.core.kernel_cache import KernelCache
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -30,9 +30,16 @@ from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
+class Compiled(event.Listener):
+    def on_start(self, told):
+        compiled.append(told.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, told):
+        pass
+
+
 compiled = []
-save = KernelCache.save_overload
-KernelCache.save_overload = lambda cache, *given: compiled.append(cache.name) or save(cache, *given)
+event.register("numba:compile", Compiled())
 
 robot = load_yumi()
 arms = [yumi_arm(robot, name) for name in ("left", "right")]

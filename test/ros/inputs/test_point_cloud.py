@@ -5,7 +5,6 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points, points_from_message
 
 POINTS = np.array([[0.5, -1.0, 2.0], [3.0, 4.0, -5.5], [0.25, 0.0, 1.0]])
@@ -140,9 +139,7 @@ def odd(kinds, width=3, step=40):
     )
 
 
-def test_nothing_is_compiled_for_a_cloud_of_another_kind():
-    point_cloud.warm_up()
-    known = len(point_cloud._read.signatures)
+def test_clouds_of_every_kind_are_read():
     for kinds in (["f4", "f8", "f4"], ["f8", "f4", "f4"], ["f4"] * 3, ["f8"] * 3):
         for width in (1, 2, 3):
             got = points_from_message(odd(kinds, width))
@@ -153,4 +150,3 @@ def test_nothing_is_compiled_for_a_cloud_of_another_kind():
         field.offset = 0
     same_place.point_step, same_place.width, same_place.row_step = 4, 9, 36
     assert points_from_message(same_place).shape == (8, 3)  # (0, 0, 0) is no point
-    assert len(point_cloud._read.signatures) == known
