@@ -43,11 +43,6 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 
-_LEAVES_AT_ONCE = 16
-"""Leaves of one solid that are looked at in one go, at most."""
-_LEAST_NORMAL_Z = 1e-6
-"""Slope below which a plane does not tell boxes of one column apart."""
-
 
 class BoxArrays(NamedTuple):
     """The obstacle set for the kernels: m boxes, each within its cell."""
@@ -321,62 +316,6 @@ def open_leaves(
 
 
 @kernel(lean=True)
-def _span_leaves(
-    arm: ArmArrays, scratch: ArmScratch, leaf: int, count: int, need: float
-) -> tuple[int, float, float, float, float, float, float, float, float, float, float]:
-    """Where boxes can lie that come closer than `need` to what an open leaf covers.
-
-    Leaves of one solid overlap, so that where their common span is less than that of each they are
-    looked at together.
-
-    Returns:
-        the leaf after those looked at; centre and reach of a ball, without bounds for several
-        leaves; lower and upper corner of a span.
-    """
-    nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
-    frames, leaves, bounds = scratch.frames, scratch.leaves, scratch.bounds
-    far = need + BOUND_TOLERANCE_M
-    # The ball around the leaf's centre that such boxes must reach, and the span of this ball.
-    end = leaf + 1
-    node = leaves[leaf]
-    s = nodes[node, NODE_SET]
-    joint = sets[s, SET_JOINT]
-    x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
-    reach = spheres[node, 3] + far
-    x0, y0, z0 = x - reach, y - reach, z - reach
-    x1, y1, z1 = x + reach, y + reach, z + reach
-    # Put the solid's vertices where they are, once per configuration.
-    if scratch.set_stamp[s] < scratch.counters[0]:
-        scratch.set_stamp[s] = scratch.counters[0]
-        place_set(arm, scratch, s)
-    # The span of all further open leaves of the same solid, beside what each would span alone.
-    alone = reach * reach
-    u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
-    together = end
-    while together < min(count, leaf + _LEAVES_AT_ONCE) and nodes[leaves[together], NODE_SET] == s:
-        node = leaves[together]
-        u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
-        other = spheres[node, 3] + far
-        alone += other * other
-        u0, v0, w0 = min(u0, u - other), min(v0, v - other), min(w0, w - other)
-        u1, v1, w1 = max(u1, u + other), max(v1, v + other), max(w1, w + other)
-        together += 1
-    # Nothing outside the box around the solid, grown by the distance, comes closer.
-    u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
-    v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
-    # Look at them in one go where the common footprint is smaller than theirs one by one.
-    if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
-        end = together
-        reach = np.inf
-        x0, y0, z0, x1, y1, z1 = u0, v0, w0, u1, v1, w1
-    # No box is closer than `need` to the solid that is not to the box around it.
-    x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
-    y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
-    z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
-    return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
-
-
-@kernel(lean=True)
 def _plane_in_world(
     arm: ArmArrays, scratch: ArmScratch, s: int, plane: int, need: float
 ) -> tuple[float, float, float, float]:
@@ -391,33 +330,6 @@ def _plane_in_world(
     offset = planes[plane, 3]
     offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
     return nx, ny, nz, offset + (need + BOUND_TOLERANCE_M + arm.radius[s])
-
-
-@kernel(inline=True)
-def _heights_before_plane(
-    plane: tuple[float, float, float, float],
-    x: float,
-    y: float,
-    size: float,
-    bottom: float,
-    top: float,
-) -> tuple[float, float]:
-    """Of the heights bottom..top of a column of cells with corner (x, y), those before a plane.
-
-    The plane is its normal and offset. At the other heights even the corner of the column next to
-    the set lies beyond it.
-    """
-    # What is left of the offset at the corner of the column that reaches least far along the
-    # normal.
-    nx, ny, nz, offset = plane
-    left = offset - nx * (x if nx > 0.0 else x + size)
-    left -= ny * (y if ny > 0.0 else y + size)
-    # A plane that faces down bounds the heights from below, one that faces up from above.
-    if nz < -_LEAST_NORMAL_Z:
-        bottom = max(bottom, left / nz)
-    elif nz > _LEAST_NORMAL_Z:
-        top = min(top, left / nz)
-    return bottom, top
 
 
 @kernel(inline=True)
@@ -480,41 +392,48 @@ def open_leaves_meet_boxes(
 ) -> int:
     """What the first `count` open leaves cover against the boxes in reach of them.
 
-    Boxes are sought in the columns of cells that the leaf's span covers: those within the ball
-    around the leaf, and not beyond the plane that last kept a box away from the set, for what lies
-    beyond a face plane by `need` is at least that far away. Per box then the box around the set,
-    and the set itself.
+    Boxes are sought in the columns of cells below the leaf's ball: those within the ball, near the
+    box around the set, and not beyond the plane that last kept a box away from the set, for what
+    lies beyond a face plane by `need` is at least that far away; then the set itself.
 
     Once `need` cannot be kept any more, only collisions are looked for. What is left UNDECIDED is
     noted as `hit`.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
-    nodes, counters, bounds = arm.nodes, scratch.counters, scratch.bounds
+    nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
+    counters, bounds = scratch.counters, scratch.bounds
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
     result = FREE
     previous = -1
-    end = 0
-    while end < count:
-        leaf = end
-        end += 1
+    for leaf in range(count):
         # The field has shown that this leaf keeps its distance.
         if scratch.leaf_bound[leaf] >= need:
             continue
         node = scratch.leaves[leaf]
         s = nodes[node, NODE_SET]
-        # A solid looks at a box once, whichever of its leaves reach it.
+        # A set looks at a box once, whichever of its leaves reach it, and is placed once.
         if s != previous:
             previous = s
             counters[1] += 1
+            if scratch.set_stamp[s] < counters[0]:
+                scratch.set_stamp[s] = counters[0]
+                place_set(arm, scratch, s)
         visit = counters[1]
-        # Where boxes in reach of this leaf, or of several leaves together, can lie.
-        end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
+        # The plane that last kept a box away from this set.
         plane = scratch.plane[s]
         nx = ny = nz = offset = 0.0
-        # The plane that last kept a box away from this set.
         if plane >= 0:
             nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
+        # The ball that boxes must reach, and its span, no more than the box around the set, grown.
+        far = need + BOUND_TOLERANCE_M
+        x, y, z = to_world(
+            scratch.frames, sets[s, SET_JOINT], spheres[node, 0], spheres[node, 1], spheres[node, 2]
+        )
+        reach = spheres[node, 3] + far
+        x0, x1 = max(x - reach, bounds[s, 0] - far), min(x + reach, bounds[s, 3] + far)
+        y0, y1 = max(y - reach, bounds[s, 1] - far), min(y + reach, bounds[s, 4] + far)
+        z0, z1 = max(z - reach, bounds[s, 2] - far), min(z + reach, bounds[s, 5] + far)
         # The columns of cells below the span.
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
@@ -525,21 +444,13 @@ def open_leaves_meet_boxes(
             low_x = ox + i * size
             dx = max(low_x - x, 0.0, x - low_x - size)
             for j in range(j0, j1):
-                # The layers of the column that are within the ball and before the plane.
-                low_y = oy + j * size
-                bottom, top = z0, z1
-                if plane >= 0:
-                    bottom, top = _heights_before_plane(
-                        (nx, ny, nz, offset), low_x, low_y, size, bottom, top
-                    )
-                    if bottom > top:
-                        continue
                 # The column's distance along y, and half the height of the ball above the column.
+                low_y = oy + j * size
                 dy = max(low_y - y, 0.0, y - low_y - size)
                 height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + BOUND_TOLERANCE_M
                 # The layers between the lowest and the highest point in question.
-                k0 = int(np.floor((max(z - height, bottom) - oz) * per_metre))
-                k1 = int(np.floor((min(z + height, top) - oz) * per_metre)) + 1
+                k0 = int(np.floor((max(z - height, z0) - oz) * per_metre))
+                k1 = int(np.floor((min(z + height, z1) - oz) * per_metre)) + 1
                 first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
                 for box in range(first, last):
                     # Skip boxes outside the ball, and those looked at for this set already.

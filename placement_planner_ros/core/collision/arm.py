@@ -11,7 +11,6 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -24,13 +23,13 @@ from placement_planner_ros.core.collision.arrays import (
     FlatArm,
     lay_out_arm,
     scratch_for,
-    with_own_object,
+    with_own_arrays,
 )
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, check_edge
-from placement_planner_ros.core.collision.hand import hand_collides
+from placement_planner_ros.core.collision.edges import OVERFLOW, Edge, EdgeLimits, check_edge
+from placement_planner_ros.core.collision.hand import KeptMargins, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import (
     depths_in_links,
@@ -46,7 +45,6 @@ from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.robot.overlap import nearest
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
@@ -152,7 +150,6 @@ class ArmCollision:
         self._obstacles = obstacles
         arm = moving.arm
         self._dof = arm.dof
-        standing = isinstance(load, PlacedObject)
         self._flat = _flat_arm(
             moving.robot,
             arm,
@@ -162,9 +159,8 @@ class ArmCollision:
             self.settings.cover_excess,
             self.settings.self_margin + self.settings.self_reserve,
         )
-        if standing:
-            T = pin.SE3.Identity()
-            self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
+        if isinstance(load, PlacedObject):
+            self._flat = with_own_arrays(self._flat)
         # The obstacle set, and room to work in.
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
@@ -172,7 +168,7 @@ class ArmCollision:
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObjectRows | None = None
         if isinstance(load, PlacedObject):
-            self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT, T)
+            self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT)
             self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUED_INTERVALS, 2))
         self._settled = np.zeros(
@@ -190,11 +186,6 @@ class ArmCollision:
     def arrays(self) -> ArmArrays:
         """The arm laid out for kernels; not to be written to."""
         return self._flat.arrays
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """Of links and object, in the order of the arrays."""
-        return tuple(body.name for body in self._flat.bodies)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
@@ -255,9 +246,7 @@ class ArmCollision:
             self._boxes,
             self._scratch,
             Q,
-            margin,
-            self_margin,
-            contact,
+            KeptMargins(margin, self_margin, contact),
             answers,
         )
         return answers
@@ -280,8 +269,7 @@ class ArmCollision:
             self._boxes,
             self._scratch,
             T_world_tip @ self._T_tip_joint,
-            (margin - slack, self_margin - slack),
-            contact,
+            KeptMargins(margin - slack, self_margin - slack, contact),
         )
 
     def edge_free(
@@ -315,15 +303,13 @@ class ArmCollision:
             self._flat.arrays,
             self._boxes,
             self._scratch,
-            a,
-            b,
-            kernel_input(deviation).reshape(self._dof),
+            Edge(a, b, kernel_input(deviation).reshape(self._dof)),
             EdgeLimits(
                 *self._margins(reserve),
                 self.settings.edge_resolution,
                 self.settings.self_resolution,
+                contact,
             ),
-            contact,
             (self._queue, self._settled),
         )
         if answer == NOT_FINITE:
@@ -418,15 +404,6 @@ class ArmCollision:
         kind, a, b = self._scratch.hit.tolist()
         return kind, a, b
 
-    def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
-        body = self._flat.bodies[self._flat.set_body[s]]
-        part = body.parts[self._flat.set_part[s]]
-        T = part.T_world_part
-        if body.joint >= 0:
-            zero = self._flat.joint_frames[body.joint]
-            T = _pose_of_frame(self._scratch.frames[body.joint]) * zero.inverse() * T
-        return part.geometry, coal.Transform3s(T.rotation, T.translation)
-
     def _ball_in_box(self, node: int) -> tuple[int, int, int]:
         """Which set meets which box, where the ball inside a sphere is known to meet one."""
         arrays, corners = self._flat.arrays, self._boxes.corners
@@ -437,9 +414,9 @@ class ArmCollision:
         return 0, s, int(np.argmin(np.linalg.norm(away, axis=1)))
 
     def _between(self, s: int, other: int) -> Array:
-        """A point (3,) where two parts meet, or half-way between them."""
-        result = nearest(*self._part(s), *self._part(other))
-        return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
+        """(3,) the middle of where the boxes around two sets overlap, or of what is between."""
+        a, b = self._scratch.bounds[s], self._scratch.bounds[other]
+        return np.asarray((np.maximum(a[:3], b[:3]) + np.minimum(a[3:], b[3:])) / 2.0)
 
 
 def _not_finite(*configurations: Array) -> JointStateError:
@@ -519,7 +496,7 @@ def _arm_links(
         joints[link] = arm_joint(robot.model, joint_ids, thing.parentJoint)
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
-        parts.setdefault(link, []).append(Part(shape, thing.geometry, T))
+        parts.setdefault(link, []).append(Part(shape, T))
     return tuple(
         CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts
     )
@@ -535,7 +512,7 @@ def _checked_pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 
 
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
-    return tuple(Part(solid.shape, solid.geometry, T_world_object) for solid in object_solids(body))
+    return tuple(Part(solid.shape, T_world_object) for solid in object_solids(body))
 
 
 def _check_grasp(
@@ -548,7 +525,3 @@ def _check_grasp(
     depths = depths_in_links(robot, body, rows, robot.geometry_poses(q), T_object)
     if depths:
         raise object_in_hand(arm, grasp, depths)
-
-
-def _pose_of_frame(frame: Array) -> pin.SE3:
-    return pin.SE3(frame[:3, :3], frame[:3, 3])

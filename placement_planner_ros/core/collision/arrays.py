@@ -133,18 +133,15 @@ class FlatArm:
         arrays: for the kernels.
         directions: how many to remember.
         bodies: in the order of the arrays.
-        set_body, set_part: (s,) body of each set, and its part among the body's.
+        set_body: (s,) body of each set.
         rows: of each body.
-        joint_frames: T_world_joint with all joints at zero, axis along z.
     """
 
     arrays: ArmArrays
     directions: int
     bodies: tuple[CollisionBody, ...]
     set_body: Indices
-    set_part: Indices
     rows: tuple[BodyRows, ...]
-    joint_frames: tuple[pin.SE3, ...]
 
     def digest(self, body: int) -> str:
         """Of the shape of a body, in its joint's frame."""
@@ -211,7 +208,7 @@ def lay_out_arm(
             dtype=np.int64,
         ).reshape(-1, 5),
         tables=PairTables(
-            np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.bool_)
+            np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.int32)
         ),
         **_stacked_bodies(rows, joints),
     )
@@ -220,9 +217,7 @@ def lay_out_arm(
         sum(sizes),
         tuple(ordered),
         np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows]),
-        np.concatenate([each.set_part for each in rows]),
         tuple(rows),
-        tuple(joint_frames),
     )
 
 
@@ -231,12 +226,8 @@ def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
-def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
-    """The same arm with that body at T_world_object, in arrays that may be written to.
-
-    Only its `T_world_part` is set: `placed_object.PlacedObject` moves the rows.
-    """
-    # Copies of all that depends on where the body is.
+def with_own_arrays(flat: FlatArm) -> FlatArm:
+    """The same arm, with arrays of its own that `placed_object.PlacedObjectRows` may write to."""
     arrays = flat.arrays
     own = arrays._replace(
         vertices=arrays.vertices.copy(),
@@ -245,13 +236,7 @@ def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatAr
         body_spheres=arrays.body_spheres.copy(),
         mesh_frames=arrays.mesh_frames.copy(),
     )
-    bodies = tuple(
-        replace(body, parts=tuple(replace(p, T_world_part=T_world_object) for p in body.parts))
-        if body.name == name
-        else body
-        for body in flat.bodies
-    )
-    return replace(flat, arrays=own, bodies=bodies)
+    return replace(flat, arrays=own)
 
 
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:

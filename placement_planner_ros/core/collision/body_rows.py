@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -24,7 +23,6 @@ class Part:
     """A piece of geometry of a body, in the world with all arm joints at zero."""
 
     shape: Shape
-    geometry: coal.CollisionGeometry
     T_world_part: pin.SE3
 
 
@@ -57,7 +55,6 @@ class BodyRows:
         nodes: (k, 2) next node not below, set of a leaf or -1.
         node_spheres: (k, 4); `node_inner` (k,).
         sets: (s, 4) first node, first vertex, first plane, mesh or -1.
-        set_part: (s,) the body's part, as `CollisionBody.parts` has it, that each is of.
         radius, excess: (s,).
         vertices: (v, 3); `planes` (f, 4).
         meshes: trees; `mesh_frames` (g, 4, 4) T_joint_mesh.
@@ -69,7 +66,6 @@ class BodyRows:
     node_spheres: Array
     node_inner: Array
     sets: Indices
-    set_part: Indices
     radius: Array
     excess: Array
     vertices: Array
@@ -89,7 +85,6 @@ class BodyRows:
 class _PlacedSet:
     """A convex set of a body's part with the spheres around it, at T in the body's joint."""
 
-    part: int
     mesh: int
     excess: float
     convex: ConvexSet
@@ -120,7 +115,7 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyR
     placed = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
     meshes: list[tuple[MeshTree, Array]] = []
     sets: list[_PlacedSet] = []
-    for number, part in enumerate(body.parts):
+    for part in body.parts:
         step(f"covering {body.name} with spheres")
         T, shape = placed * part.T_world_part, part.shape
         if shape.mesh is not None:
@@ -128,7 +123,7 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyR
         mesh = len(meshes) - 1 if shape.mesh is not None else -1
         trees = sphere_trees(shape, excess if body.joint >= 0 else 10 * excess)
         for convex, tree in zip(shape.sets, trees, strict=True):
-            sets.append(_PlacedSet(number, mesh, shape.excess, convex, tree, T))
+            sets.append(_PlacedSet(mesh, shape.excess, convex, tree, T))
     # Where the rows of each set begin.
     sizes = [(len(s.tree.radii), len(s.convex.vertices), len(s.convex.offsets)) for s in sets]
     first = np.vstack([np.zeros((1, 3), dtype=np.int64), np.cumsum(sizes, axis=0)[:-1]])
@@ -148,7 +143,6 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyR
         ),
         node_inner=np.concatenate([s.tree.inner for s in sets]),
         sets=np.column_stack([first, [s.mesh for s in sets]]),
-        set_part=np.array([s.part for s in sets]),
         radius=radius,
         excess=np.array([s.excess for s in sets]),
         vertices=vertices,

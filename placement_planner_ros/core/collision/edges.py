@@ -46,6 +46,18 @@ class EdgeLimits(NamedTuple):
     resolution: float
     """Motion over an interval down to which it is halved."""
     self_resolution: float
+    contact: bool
+    """Whether the held object is left out against the obstacle set."""
+
+
+class Edge(NamedTuple):
+    """A straight joint motion."""
+
+    a: Array
+    """(n,) where it begins; `b`: where it ends."""
+    b: Array
+    deviation: Array
+    """(n,) how far joints may stray from it."""
 
 
 @kernel(lean=True)
@@ -83,9 +95,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
 def _place_interval(
     arm: ArmArrays,
     scratch: ArmScratch,
-    a: Array,
-    b: Array,
-    deviation: Array,
+    edge: Edge,
     middle: float,
     half: float,
     strays: bool,
@@ -94,6 +104,7 @@ def _place_interval(
 
     Filled are `edge`, `bound` and, where the edge is strayed from, `bound_straight`.
     """
+    a, b, deviation = edge.a, edge.b, edge.deviation
     q, straight, delta = scratch.edge[0], scratch.edge[1], scratch.edge[2]
     # The configuration at the middle, and how far each joint moves along the edge and beside it.
     for j in range(a.shape[0]):
@@ -129,14 +140,11 @@ def check_edge(
     arm: ArmArrays,
     boxes: BoxArrays,
     scratch: ArmScratch,
-    a: Array,
-    b: Array,
-    deviation: Array,
+    edge: Edge,
     limits: EdgeLimits,
-    contact: bool,
     work: tuple[Array, npt.NDArray[np.bool_]],
 ) -> int:
-    """The straight joint motion from a to b (n,), strayed from by at most `deviation` (n,).
+    """A straight joint motion, strayed from by no more than its deviation.
 
     Breadth-first bisection. Per interval each body (against the obstacle set) and each pair is
     FREE for the whole of it where it keeps, at the middle, its margin and the bound on motion
@@ -145,13 +153,12 @@ def check_edge(
     motion over the interval is down to the resolution.
 
     Args:
-        contact: leave out the held object against the obstacle set.
         work: (k, 2) intervals that wait; (k, bodies moving + pairs) what of them is settled.
 
     Returns:
         FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
     """
-    if not np.isfinite(a.sum() + b.sum() + deviation.sum()):
+    if not np.isfinite(edge.a.sum() + edge.b.sum() + edge.deviation.sum()):
         return NOT_FINITE
     pairs, bound = arm.pairs, scratch.bound
     queue, settled = work
@@ -159,8 +166,8 @@ def check_edge(
     items = arm.moving + pairs.shape[0]
     q, delta = scratch.edge[0], scratch.edge[2]
     strays = False
-    for j in range(a.shape[0]):
-        strays = strays or deviation[j] > 0.0
+    for j in range(q.shape[0]):
+        strays = strays or edge.deviation[j] > 0.0
     # Shorter intervals lessen the motion along the edge alone, not what strays from it.
     exact = scratch.bound_straight if strays else bound
     # The whole edge is the first interval: middle and half its length, as shares.
@@ -171,11 +178,11 @@ def check_edge(
     settled[0, :] = False
     # Nothing to settle for bodies without obstacles, and for the object where it may touch them.
     for body in range(arm.moving):
-        if boxes.number == 0 or (contact and body == arm.held):
+        if boxes.number == 0 or (limits.contact and body == arm.held):
             settled[0, body] = True
     while waiting > 0:
         # The first interval that waits, with the arm at its middle.
-        _place_interval(arm, scratch, a, b, deviation, queue[head, 0], queue[head, 1], strays)
+        _place_interval(arm, scratch, edge, queue[head, 0], queue[head, 1], strays)
         open_items = False
         for item in range(items):
             if settled[head, item]:

@@ -6,6 +6,8 @@ does.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
     body_meets_boxes,
@@ -24,21 +26,25 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 
+class KeptMargins(NamedTuple):
+    """What a configuration is to keep, metres."""
+
+    margin: float
+    """From the obstacle set; `self_margin`: of the robot from itself."""
+    self_margin: float
+    contact: bool
+    """Whether the held object is left out against the obstacle set."""
+
+
 @kernel(lean=True, nogil=True)
 def hand_collides(
     arm: ArmArrays,
     boxes: BoxArrays,
     scratch: ArmScratch,
     T_world_joint: Array,
-    margins: tuple[float, float],
-    contact: bool,
+    kept: KeptMargins,
 ) -> bool:
-    """Whether what the last joint carries surely collides, its moved frame being at (4, 4).
-
-    Args:
-        margins: from obstacles and from what the arm does not move, metres.
-        contact: leave out the held object against the obstacle set.
-    """
+    """Whether what the last joint carries surely collides, its moved frame being at (4, 4)."""
     last = len(arm.prismatic) - 1
     scratch.counters[0] += 1
     for i in range(4):
@@ -50,17 +56,17 @@ def hand_collides(
         if bodies[body, BODY_JOINT] != last:
             continue
         place_spheres(arm, scratch, body)
-        if boxes.number == 0 or (contact and body == arm.held):
+        if boxes.number == 0 or (kept.contact and body == arm.held):
             continue
-        if body_meets_boxes(arm, boxes, scratch, body, margins[0], margins[0]) == COLLIDING:
+        if body_meets_boxes(arm, boxes, scratch, body, kept.margin, kept.margin) == COLLIDING:
             return True
     # Pairs of a body that nothing moves and one that the joint carries.
     for pair in range(pairs.shape[0]):
         a, b = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
         if a < arm.moving or bodies[b, BODY_JOINT] != last:
             continue
-        if spheres_apart(scratch, pairs[pair], margins[1]):
+        if spheres_apart(scratch, pairs[pair], kept.self_margin):
             continue
-        if bodies_meet(arm, scratch, pair, margins[1], margins[1]) == COLLIDING:
+        if bodies_meet(arm, scratch, pair, kept.self_margin, kept.self_margin) == COLLIDING:
             return True
     return False

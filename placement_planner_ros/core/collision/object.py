@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import coal
 import numpy as np
 import numpy.typing as npt
 
@@ -14,12 +13,12 @@ from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
     ObjectScratch,
     PoseMargins,
+    SweptPoses,
     check_poses,
 )
-from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
+from placement_planner_ros.core.collision.object_solids import object_arrays
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
-from placement_planner_ros.core.robot.overlap import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
@@ -27,8 +26,6 @@ _HEIGHT_ROUNDING_M = 1e-9
 """m by which heights are off by arithmetic."""
 _WAY_STEP_M = 0.002
 """m at most between places that are looked at on a way that is not straight down."""
-_NEAR_BOXES = 100
-"""Boxes near a part that `met` looks at."""
 
 
 class ObjectCollision:
@@ -62,7 +59,6 @@ class ObjectCollision:
         self._beneath = (
             self.settings.collision_margin - _HEIGHT_ROUNDING_M if overhangs else math.inf
         )
-        self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
         self._obstacles = obstacles
         self._tops: dict[Slope, Array] = {}
@@ -137,65 +133,18 @@ class ObjectCollision:
         check_poses(
             self._arrays,
             self._boxes,
-            np.where(leant_on, 0.0, np.inf),
             self._scratch,
-            poses,
-            still,
-            still,
+            SweptPoses(poses, still, still, np.where(leant_on, 0.0, np.inf)),
             PoseMargins(margin, math.inf, math.inf, self.settings.contact_tolerance),
             answers,
         )
         return bool((answers == FREE).all())
-
-    def met(
-        self,
-        T_world_object: Array,
-        contact_height: float,
-        raise_height: float,
-        slope: Slope = LEVEL,
-    ) -> npt.NDArray[np.int64]:
-        """(k,) boxes that the object meets at a pose (4, 4) or raised above it, by coal.
-
-        To say in words what `free` refuses: half-way down is not looked at, nor more than some of
-        the boxes near.
-        """
-        margin = self.settings.collision_margin + self.settings.approach_stray
-        hit: set[int] = set()
-        for solid in self._solids:
-            at_rest = solid.corners @ T_world_object[:3, :3].T + T_world_object[:3, 3]
-            low, high = at_rest.min(axis=0) - margin, at_rest.max(axis=0) + margin
-            high[2] += raise_height
-            first, last = self._slab(low[0], high[0])
-            corners = self._boxes.corners[first:last]
-            tops = self._tops_above(slope)[first:last]
-            near = np.abs(tops - contact_height) > self.settings.contact_tolerance
-            near &= (corners[:, :3] <= high).all(axis=1)
-            near &= (corners[:, 3:] >= low).all(axis=1)
-            rows = np.flatnonzero(near)
-            for raised in (0.0, raise_height):
-                position = T_world_object[:3, 3] + np.array([0.0, 0.0, raised])
-                T = coal.Transform3s(T_world_object[:3, :3], position)
-                for k in rows[:: max(1, len(rows) // _NEAR_BOXES)].tolist():
-                    at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
-                    box = coal.Box(corners[k, 3:] - corners[k, :3])
-                    if meet(solid.geometry, T, box, at, margin):
-                        hit.add(first + k)
-        return np.array(sorted(hit), dtype=np.int64)
 
     def _tops_above(self, slope: Slope) -> Array:
         """(m,) `ObstacleSet.tops`, made once for each slope."""
         if slope not in self._tops:
             self._tops[slope] = self._obstacles.tops(slope)
         return self._tops[slope]
-
-    def _slab(self, low: float, high: float) -> tuple[int, int]:
-        """First and last box, that one left out, of the cells that lie between two x."""
-        origin, size = self._boxes.grid[0], self._boxes.grid[3]
-        columns = self._boxes.columns
-        i0, i1 = (math.floor((x - origin) / size) for x in (low, high))
-        if i1 < 0 or i0 >= len(columns):
-            return 0, 0
-        return int(columns[max(i0, 0), 0]), int(columns[min(i1, len(columns) - 1), -1])
 
     def _classify(
         self,
@@ -208,11 +157,8 @@ class ObjectCollision:
         check_poses(
             self._arrays,
             self._boxes,
-            self._tops_above(slope),
             self._scratch,
-            poses,
-            contact,
-            raised,
+            SweptPoses(poses, contact, raised, self._tops_above(slope)),
             PoseMargins(
                 self.settings.collision_margin + self.settings.approach_stray,
                 self._beneath,

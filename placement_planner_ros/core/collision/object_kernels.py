@@ -83,6 +83,19 @@ class PoseMargins(NamedTuple):
     """Boxes whose top is as near as that to the height of the contact plane are support."""
 
 
+class SweptPoses(NamedTuple):
+    """Poses that the object is swept straight down onto, over contact planes of one slope."""
+
+    T: Array
+    """(n, 4, 4) T_world_object at rest."""
+    contact: Array
+    """(n,) heights of the contact planes at x = y = 0, metres."""
+    raised: Array
+    """(n,) how far above the pose the sweep begins, metres."""
+    tops: Array
+    """(m,) heights of the boxes above the plane through the origin that is parallel to these."""
+
+
 class ObjectScratch(NamedTuple):
     """Work space; not shared between threads."""
 
@@ -152,14 +165,14 @@ def _place_part(
 def _mesh_meets_box(
     thing: ObjectArrays,
     scratch: ObjectScratch,
-    T: Array,
-    raised: float,
+    pose: tuple[Array, float],
     corners: Array,
     b: int,
     margin: float,
 ) -> int:
     """The swept mesh against box b of `corners` (m, 6)."""
     # Corners of the box, swept downward instead of the mesh upward, in the object's frame.
+    T, raised = pose
     box = scratch.box
     for row in range(8):
         x, y, z = box_corner(corners, b, row)
@@ -176,12 +189,10 @@ def _mesh_meets_box(
 def _part_meets_boxes(
     thing: ObjectArrays,
     boxes: BoxArrays,
-    tops: Array,
     scratch: ObjectScratch,
     part: int,
-    T: Array,
-    raised: float,
-    contact: float,
+    poses: SweptPoses,
+    row: int,
     margins: PoseMargins,
 ) -> int:
     """A swept part, placed, against the boxes of all cells that the box around it touches.
@@ -189,7 +200,8 @@ def _part_meets_boxes(
     FREE, or the answer to the first box that is not.
     """
     # Columns and layers of the cells that the box around the part touches, the margin added.
-    corners, columns = boxes.corners, boxes.columns
+    corners, columns, tops = boxes.corners, boxes.columns, poses.tops
+    T, contact, raised = poses.T[row], poses.contact[row], poses.raised[row]
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     margin = margins.margin
     reach = margin + BOUND_TOLERANCE_M
@@ -230,7 +242,7 @@ def _part_meets_boxes(
                 # The swept convex part, then the mesh where a cover leaves the box open.
                 answer = polytope_meets_box(world, rows, corners, b, margin, margin)
                 if answer != FREE and part >= thing.solids:
-                    answer = _mesh_meets_box(thing, scratch, T, raised, corners, b, margin)
+                    answer = _mesh_meets_box(thing, scratch, (T, raised), corners, b, margin)
                     scratch.seen[b] = scratch.seen[-1]
                 if answer != FREE:
                     return answer
@@ -253,27 +265,21 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
 
 
 @kernel(lean=True)
-def check_pose(
+def _check_pose(
     thing: ObjectArrays,
     boxes: BoxArrays,
-    tops: Array,
     scratch: ObjectScratch,
-    T: Array,
-    contact: float,
-    raised: float,
+    poses: SweptPoses,
+    row: int,
     margins: PoseMargins,
 ) -> int:
-    """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
+    """Whether the object keeps the margin on its way straight down onto one of the poses.
 
     Balls around the object and around each part against the field of distances, then the swept
     parts against boxes. The answer is that of the first pair of part and box that is not FREE.
-
-    Args:
-        tops: (m,) heights of the boxes above the plane through the origin that is parallel to the
-            contact plane.
-        contact: height of the contact plane there, metres.
     """
     # The ball around all of the object.
+    T, raised = poses.T[row], poses.raised[row]
     parts = thing.part_vertices.shape[0] - 1
     if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margins.margin):
         return FREE
@@ -284,7 +290,7 @@ def check_pose(
         if _ball_clear(boxes, thing.spheres[part], T, raised, margins.margin):
             continue
         _place_part(thing, scratch, part, T, raised)
-        answer = _part_meets_boxes(thing, boxes, tops, scratch, part, T, raised, contact, margins)
+        answer = _part_meets_boxes(thing, boxes, scratch, part, poses, row, margins)
         if answer != FREE:
             return answer
     return FREE
@@ -294,17 +300,11 @@ def check_pose(
 def check_poses(
     thing: ObjectArrays,
     boxes: BoxArrays,
-    tops: Array,
     scratch: ObjectScratch,
-    poses: Array,
-    contact: Array,
-    raised: Array,
+    poses: SweptPoses,
     margins: PoseMargins,
     answers: npt.NDArray[np.int64],
 ) -> None:
-    """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
-    # Each pose with its own contact height and its own sweep.
-    for i in range(poses.shape[0]):
-        answers[i] = check_pose(
-            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margins
-        )
+    """The answers (n,) to poses, each with its own contact height and its own sweep."""
+    for row in range(len(answers)):
+        answers[row] = _check_pose(thing, boxes, scratch, poses, row, margins)

@@ -34,13 +34,11 @@ class ObjectSolid:
     Attributes:
         shape: for the kernels.
         geometry: for coal, to which a mesh is a surface.
-        corners: (n, 3) whose hull holds it.
         mesh: None where it is convex.
     """
 
     shape: Shape
     geometry: coal.CollisionGeometry
-    corners: Array
     mesh: CoveredMesh | None = None
 
     @property
@@ -63,12 +61,12 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     for part in body.solids:
         convex = coal_convex(part.vertices, part.triangles)
         convex.computeLocalAABB()
-        solids.append(ObjectSolid(Shape((part_set(part),)), convex, part.vertices))
+        solids.append(ObjectSolid(Shape((part_set(part),)), convex))
     # What is a mesh, by its cover.
     if body.mesh is not None:
         shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
         surface = triangle_geometry(body.mesh.vertices, body.mesh.triangles)
-        solids.append(ObjectSolid(shape, surface, body.mesh.vertices, body.mesh))
+        solids.append(ObjectSolid(shape, surface, body.mesh))
     return tuple(solids)
 
 

@@ -22,8 +22,6 @@ Indices = npt.NDArray[np.int64]
 CELLS_PER_TURN = 720
 """Cells in a whole turn."""
 CELL_RAD = 2.0 * math.pi / CELLS_PER_TURN
-_MAX_RANGE_CELLS = 512
-"""Cells that one question looks at, at most; wider motions are left to the other checks."""
 
 
 class PairTables(NamedTuple):
@@ -32,14 +30,15 @@ class PairTables(NamedTuple):
     lower: Array
     """(t, 2) angles at which the two joints' first cells begin, rad."""
     counts: Indices
-    """(t, 3) cells along the first joint, along the second, and the table's first in `apart`.
+    """(t, 3) cells along the first joint, along the second, and where the table begins in `open`.
 
     A joint that can turn all the way round has `CELLS_PER_TURN`, the first after the last.
     """
     clear: float
     """Metres by which pairs are apart throughout a cell that says so."""
-    apart: npt.NDArray[np.bool_]
-    """(.,) whether a cell says that a pair is apart."""
+    open: npt.NDArray[np.int32]
+    """(.,) of m by n cells (m + 1, n + 1) numbers: how many cells before a row and a column do not
+    say that a pair is apart."""
 
 
 def cell_count(lower: float, upper: float) -> int:
@@ -55,30 +54,22 @@ def apart_within(
 
     It is where all cells say so that these ranges touch.
     """
-    # Joint values and ranges in cells of the table.
+    # Joint values and ranges in cells of the table; of a single one for all of them.
     rows, columns, first = tables.counts[table, 0], tables.counts[table, 1], tables.counts[table, 2]
     u, du = (q1 - tables.lower[table, 0]) / CELL_RAD, delta1 / CELL_RAD
     v, dv = (q2 - tables.lower[table, 1]) / CELL_RAD, delta2 / CELL_RAD
     if columns == 1:
-        # One cell for all of it.
         v, dv = 0.5, 0.0
-    # Too wide a range, or more than ten turns away.
-    far = 10.0 * CELLS_PER_TURN
-    if not (du + dv <= _MAX_RANGE_CELLS and abs(u) < far and abs(v) < far):
+    # A joint that goes round, within its first turn.
+    if rows == CELLS_PER_TURN:
+        u -= rows * np.floor((u - du) / rows)
+    if columns == CELLS_PER_TURN:
+        v -= columns * np.floor((v - dv) / columns)
+    # A range beyond the table, or across the end of a turn, is left to the other checks.
+    if not (u - du >= 0.0 and u + du < rows and v - dv >= 0.0 and v + dv < columns):
         return False
-    # A joint that does not go round must stay within its rows or columns.
-    if rows < CELLS_PER_TURN and not (u >= du and u + du < rows):
-        return False
-    if columns < CELLS_PER_TURN and not (v >= dv and v + dv < columns):
-        return False
-    # All cells that the range touches, if they are not too many.
-    i0, i1 = int(np.floor(u - du)), int(np.floor(u + du))
-    j0, j1 = int(np.floor(v - dv)), int(np.floor(v + dv))
-    if (i1 - i0 + 1) * (j1 - j0 + 1) > _MAX_RANGE_CELLS:
-        return False
-    # Every one of them must say that the pair is apart; round joints wrap.
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            if not tables.apart[first + (i % rows) * columns + j % columns]:
-                return False
-    return True
+    # How many of the cells that the range touches are open.
+    i0, i1 = first + int(u - du) * (columns + 1), first + (int(u + du) + 1) * (columns + 1)
+    j0, j1 = int(v - dv), int(v + dv) + 1
+    opened = tables.open
+    return bool(opened[i1 + j1] - opened[i0 + j1] - opened[i1 + j0] + opened[i0 + j0] == 0)

@@ -29,16 +29,12 @@ class PlacedObjectRows:
 
     Args:
         flat, scratch: written to by `move`.
-        name: of the object among the bodies; all its parts share the pose `T_world_object`.
-        T_world_object: where it stands in `flat`; this very value is changed by `move`.
+        name: of the object among the bodies; in `flat` it stands at the world's origin.
     """
 
-    def __init__(
-        self, flat: FlatArm, scratch: ArmScratch, name: str, T_world_object: pin.SE3
-    ) -> None:
+    def __init__(self, flat: FlatArm, scratch: ArmScratch, name: str) -> None:
         # Rows of the object's sets, spheres and vertices.
         body = [b.name for b in flat.bodies].index(name)
-        self.T_world_object = T_world_object
         arrays = flat.arrays
         sets = slice(*arrays.bodies[body : body + 2, BODY_FIRST_SET].tolist())
         nodes, vertices = (
@@ -60,14 +56,11 @@ class PlacedObjectRows:
         # All points in the object's own frame, one below the other.
         ends = np.cumsum([0] + [len(group[0]) for group in self._groups])
         self._rows = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
-        R, p = T_world_object.rotation, T_world_object.translation
-        self._points: Array = (np.vstack([group[0] for group in self._groups]) - p) @ R
+        self._points: Array = np.vstack([group[0] for group in self._groups])
 
     def move(self, T_world_object: pin.SE3) -> None:
         """Put the object elsewhere: some 20 µs."""
         R, p = T_world_object.rotation, T_world_object.translation
-        self.T_world_object.rotation = R
-        self.T_world_object.translation = p
         # Every point where it is now.
         points = self._points @ R.T + p
         for group, rows in zip(self._groups, self._rows, strict=True):

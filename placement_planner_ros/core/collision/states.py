@@ -11,6 +11,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 )
 from placement_planner_ros.core.collision.against_robot import pair_meets
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, Indices
+from placement_planner_ros.core.collision.hand import KeptMargins
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.kernels import kernel
@@ -26,21 +27,17 @@ def check_states(
     boxes: BoxArrays,
     scratch: ArmScratch,
     Q: Array,
-    margin: float,
-    self_margin: float,
-    contact: bool,
+    kept: KeptMargins,
     answers: Indices,
 ) -> None:
     """Whether configurations Q (m, n) keep their margins; `answers` (m,) is filled.
 
     FREE and COLLIDING are certain, as they rest on certain answers for each body and each pair.
     What the last configuration meets, or leaves UNDECIDED, is the scratch's `hit`.
-
-    Args:
-        contact: leave out the held object against the obstacle set.
     """
+    margin = kept.margin
     moving = arm.moving if boxes.number > 0 else 0
-    left_out = arm.held if contact else -1
+    left_out = arm.held if kept.contact else -1
     for i in range(Q.shape[0]):
         if not np.isfinite(Q[i].sum()):
             answers[i] = NOT_FINITE
@@ -54,7 +51,7 @@ def check_states(
         if result != COLLIDING:
             # Then the robot against itself.
             place_all_spheres(arm, scratch)
-            apart = _pairs_meet(arm, scratch, Q[i], self_margin)
+            apart = _pairs_meet(arm, scratch, Q[i], kept.self_margin)
             if apart != FREE:
                 result = apart
         answers[i] = result

@@ -40,7 +40,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     Args:
         clear: what tables certify, metres.
     """
-    arrays, lower, tables = flat.arrays, [], [np.zeros(0, dtype=np.bool_)]
+    arrays, lower, tables = flat.arrays, [], [np.zeros(0, dtype=np.int32)]
     counts: list[tuple[int, ...]] = []
     pairs, total = arrays.pairs.copy(), 0
     scratch = scratch_for(flat, 0)
@@ -66,8 +66,10 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         pairs[row, PAIR_TABLE] = len(counts)
         lower.append([*limits[:, 0], 0.0][:2])
         counts.append((*shape, total))
-        tables.append(np.unpackbits(bits, count=shape[0] * shape[1]).astype(np.bool_))
-        total += shape[0] * shape[1]
+        apart = np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape)
+        opened = np.pad((1 - apart).cumsum(axis=0, dtype=np.int32).cumsum(axis=1), ((1, 0), (1, 0)))
+        tables.append(opened.astype(np.int32).ravel())
+        total += opened.size
     made = PairTables(
         np.array(lower).reshape(-1, 2),
         np.array(counts, dtype=np.int64).reshape(-1, 3),

@@ -15,6 +15,7 @@ nanoseconds each. None lets a point go that is news and comes nearer than the ma
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -156,37 +157,40 @@ class SweptSpace:
                 points, self._together, p=np.inf, return_length=True
             )
             points = points[company >= self._fewest]
+        as_they_are = GridSettings(self._known.cell_size, noise_floor=1.0, min_points=0)
+        made: dict[bytes, ObstacleSet] = {}
         for stretch, chords in zip(self._stretches, self._chords, strict=True):
             # Points of its support do not count for the held object.
             height = points[:, 2] - points[:, :2] @ np.array(stretch.slope)
-            for counted, contact in (
-                (height > stretch.contact, False),
-                (height <= stretch.contact, True),
-            ):
-                if counted.any():
-                    hit = self._hit_on(stretch, chords, points[counted], contact)
-                    if hit is not None:
-                        return hit
+            above = height > stretch.contact
+            for counted, contact in ((above, False), (~above, True)):
+                if not counted.any():
+                    continue
+                key = counted.tobytes()
+                if key not in made:
+                    made[key] = ObstacleSet.from_points(points[counted], as_they_are)
+                hit = self._hit_on(stretch, chords, made[key], contact)
+                if hit is not None:
+                    nearest = np.linalg.norm(points[counted] - hit.point, axis=1).argmin()
+                    return replace(hit, point=points[counted][nearest])
         return None
 
     def _hit_on(
-        self, stretch: Stretch, chords: _Chords, points: Array, contact: bool
+        self, stretch: Stretch, chords: _Chords, obstacles: ObstacleSet, contact: bool
     ) -> Hit | None:
-        """The first of points (n, 3) that keep a chord of a stretch from being certified."""
-        as_they_are = GridSettings(self._known.cell_size, noise_floor=1.0, min_points=0)
+        """Where a stretch cannot be certified against obstacles; None where it can."""
         settings = replace(stretch.arm.settings, collision_margin=self._margin)
-        arm = stretch.arm.among(ObstacleSet.from_points(points, as_they_are), settings)
-        Q = stretch.configurations
-        for a, b, deviation, middle in _straight_chords(Q, chords):
+        arm = stretch.arm.among(obstacles, settings)
+        for a, b, deviation, middle in _straight_chords(stretch.configurations, chords):
             if arm.edge_free(a, b, contact=contact, deviation=deviation):
                 continue
             # Where on the chord, as nearly as its ends and its middle tell.
-            for q in (middle, a, b):
-                met = arm.meeting(q, chords.reach, contact)
+            beyond = chords.reach + settings.edge_resolution
+            for reserve, q in itertools.product((0.0, beyond), (middle, a, b)):
+                met = arm.meeting(q, reserve, contact)
                 if met is not None:
-                    nearest = np.linalg.norm(points - met.where, axis=1).argmin()
-                    return Hit(points[nearest], stretch.name, met.first)
-            return Hit(points[0], stretch.name, "the arm")
+                    return Hit(met.where, stretch.name, met.first)
+            return Hit(obstacles.lower[0], stretch.name, "the arm")
         return None
 
     def _sweep(self) -> SweptCubes:

@@ -10,8 +10,6 @@ import trimesh
 
 from benchmarks.baselines.exact_collision import ExactCollision, compare
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision import boxes as collision_boxes
-from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.edges import bound_motion
@@ -524,41 +522,6 @@ def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
         assert not (free and ball > 1e-5)
         overlapping += ball > 0.0
     assert 2 < overlapping < 28
-
-
-def test_columns_hold_each_box_in_its_cell_once():
-    floor = plate((0.2, 0.2, 0.001), (0.0, 0.0, 0.0))
-    wall = plate((0.001, 0.2, 0.2), (0.05, 0.0, 0.1))
-    measured = ObstacleSet.from_points(np.vstack([floor, wall]))
-    empty = np.argwhere(measured.index < 0)[::7].astype(np.int32)
-    obstacles = measured.with_full_cells(empty)
-    boxes = collision_boxes.box_arrays(obstacles)
-    nx, ny, nz = obstacles.shape
-    assert (obstacles.next >= 0).any(), "some cell has more than one box"
-    for i, j in np.ndindex(nx, ny):
-        first, last = boxes.columns[i, j], boxes.columns[i, j + 1]
-        for low, high in ((-5, nz + 5), (0, nz), (3, 4), (2, nz // 2), (nz, nz + 9), (-9, 0)):
-            expected = []
-            for k in range(max(low, 0), min(high, nz)):
-                row = obstacles.index[i, j, k]
-                while row >= 0:
-                    expected.append(row)
-                    row = obstacles.next[row]
-            got = range(*layer_range(boxes.layers, first, last, low, high))
-            assert sorted(got) == sorted(expected)
-
-
-def test_every_two_parts_of_a_pair_have_a_direction_of_their_own_to_remember(yumi, mixed):
-    for setup in (mixed_setup(mixed), yumi_setup(yumi, "table", "toy_table", "right")):
-        checker = ArmCollision(*setup)
-        arrays, used = checker._flat.arrays, []
-        parts = np.diff(arrays.bodies[:, 1])
-        assert parts.tolist() == [
-            sum(len(part.shape.sets) for part in body.parts) for body in checker._flat.bodies
-        ]
-        for inner, outer, slot, *_ in arrays.pairs.tolist():
-            used.extend(range(slot, slot + parts[inner] * parts[outer]))
-        assert used == list(range(len(checker._scratch.direction)))
 
 
 def test_allowed_pairs_are_left_out(mixed, ring_file):

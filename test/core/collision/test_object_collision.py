@@ -10,8 +10,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import object as object_collision
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.collision.object_kernels import ObjectArrays
-from placement_planner_ros.core.collision.object_solids import part_set
 from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -225,25 +223,6 @@ def test_it_is_never_free_nearer_than_the_margin(cube):
             x = face - (corners @ R.T)[:, 0].max() - kept - missing
             T = pin.SE3(R, np.array([x, 0.0, 0.17])).homogeneous
             assert checker.free(T, -1.0, 0.0) == free
-
-
-@pytest.mark.parametrize("thing", ["wine_glass", "toy_table"])
-def test_planes_and_balls_of_parts_hold_them_and_hardly_more(thing):
-    made = object_by_name(thing)
-    body = Body.from_mesh(made.vertices, made.triangles, made.center_of_mass)
-    sets = [part_set(part) for part in body.parts]
-    for part, hull in zip(body.parts, sets, strict=True):
-        assert hull.offsets == pytest.approx((part.vertices @ hull.normals.T).max(axis=0))
-    arrays = ObjectArrays.of(sets)
-    assert (np.diff(arrays.part_vertices) == [len(s.vertices) for s in sets]).all()
-    assert (np.diff(arrays.part_planes) == [len(s.offsets) for s in sets]).all()
-    every = np.vstack([s.vertices for s in sets])
-    for corners, (*center, radius) in zip(
-        [*(s.vertices for s in sets), every], arrays.spheres, strict=True
-    ):
-        reach = np.linalg.norm(corners - center, axis=1).max()
-        assert reach <= radius <= reach + 1e-8
-        assert radius <= 1.01 * trimesh.nsphere.minimum_nsphere(corners)[1] + 1e-8
 
 
 def bowl(thick=0.004, sides=48):

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.convex_cover import convex_cover
-from placement_planner_ros.core.collision.shapes import Shape, convex_polytope, shape_of
+from placement_planner_ros.core.collision.shapes import Shape, shape_of
 from placement_planner_ros.core.collision.spheres import (
     SphereTree,
     bounding_sphere,
@@ -179,14 +179,6 @@ def inside_of_torus(rng):
     assert inner[known] == pytest.approx(distance, abs=1e-6)
 
 
-def test_skips_lead_past_exactly_what_lies_below():
-    tree = sphere_tree(shape_of(coal.Box(0.1, 0.3, 0.1), "box"), EXCESS)
-    nodes = np.arange(len(tree.radii))
-    assert (tree.skip > nodes).all()
-    assert (tree.skip[tree.leaf] == nodes[tree.leaf] + 1).all()
-    assert tree.skip[0] == len(nodes)
-
-
 def test_bounding_sphere_is_nearly_the_smallest(rng):
     points = rng.normal(size=(40, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
@@ -216,12 +208,6 @@ def test_polytopes_hold_the_shape_they_stand_for(name):
 def test_unusable_geometry_is_refused_by_name(geometry):
     with pytest.raises(RobotError, match="link elbow"):
         shape_of(geometry, "link elbow")
-
-
-def test_cube_has_six_planes():
-    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1]), dtype=float).reshape(3, -1).T
-    cube = convex_polytope(corners)
-    assert len(cube.offsets) == 6
 
 
 def test_primitives_have_the_corners_and_radii_of_their_definition():
