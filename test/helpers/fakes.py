@@ -44,6 +44,7 @@ class FakeStatistics:
         self.rejected = {"unstable": 0}
         self.rejected_by_face = {0: {}}
         self.rejected_by_arm = {"left": {}}
+        self.solutions, self.gap, self.missed = 0, None, (0, 0.0)
 
 
 def placement(objective, arm="left", retreats=False, x=0.4, terms=()):
