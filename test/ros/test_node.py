@@ -77,7 +77,7 @@ def test_parts_come_first_and_carry_the_key(bench):
     assert pose.header.stamp == b.messages("solution")[-1].header.stamp
     assert b.messages("objective")[-1].data == 0.25
     # Markers come after the manifest, and those of the scene before those of the placement.
-    drawn = {"target_volume", "keep_out", "regions", "object", "path"}
+    drawn = {"target_volume", "keep_out", "regions", "object", "contacts", "path"}
     b.wait(lambda: {m.ns for m in b.messages("markers")[-1].markers} == drawn)
 
 
