@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.cases import Case, build_problem, read_inputs
 from benchmarks.machine import machine, versions
@@ -146,10 +147,12 @@ class RefinedGrid:
                 shift = np.where(np.arange(3) == sides.argmax(), 0.5 * half, 0.0)
                 parts += [(of, middle + sign * shift, half - shift, -bound) for sign in (-1.0, 1.0)]
         if parts:
-            of, middles, halves, bounds = zip(*parts, strict=True)
-            self._look(np.array(of), np.array(middles), np.array(halves), np.array(bounds))
+            of_each, middles, halves, bounds = zip(*parts, strict=True)
+            self._look(np.array(of_each), np.array(middles), np.array(halves), np.array(bounds))
 
-    def _look(self, sets: Array, middles: Array, halves: Array, bounds: Array) -> None:
+    def _look(
+        self, sets: npt.NDArray[np.int64], middles: Array, halves: Array, bounds: Array
+    ) -> None:
         """Keep cells, by what ξ and the checks say of their middles."""
         draws = self._sets.draws(sets, middles)
         verdicts, T = self._constraints.verdicts(
@@ -275,7 +278,7 @@ def measure_yardstick(job: YardstickJob) -> list[dict[str, Any]]:
     problem, objective = build_problem(read_inputs(job.case, rng), job.case.objective)
     uniform = PlacementPlanner(problem, objective, PlannerSettings(sampler="uniform"), rng)
     random = sampled_placements(uniform, job.random_placements, job.seconds)
-    entry = {"case": asdict(job.case)}
+    entry: dict[str, Any] = {"case": asdict(job.case)}
     entry |= ExhaustiveSearch(problem, objective).best(job.seconds)
     entry |= {
         "random": float(np.median(random)) if len(random) else None,

@@ -3,8 +3,8 @@
 A kernel is a function under `numba.njit(cache=True, nogil=True)`. Numba compiles it for each kind
 of arguments, and keeps that on disk; it notices a change of the file that holds the kernel, but not
 of what the kernel calls from other files. So each program has numba keep kernels in a folder named
-after the sources of all kernels, and after numba and llvmlite. Nothing here imports numba, which
-looks once at where to keep them.
+after the sources of all kernels, where and when they were written, and numba and llvmlite. Nothing
+here imports numba, which looks once at where to keep them.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from placement_planner_ros.core.disk_cache import TROUBLES, cache_folder
 
 CORE = Path(__file__).parent
-KERNEL = re.compile(r"^@(?:njit|kernel)\((?!.*inline)", re.MULTILINE)
+KERNEL = re.compile(r"^@njit\((?!.*inline)", re.MULTILINE)
 """How a kernel begins that is not only written into others."""
-SHAPING = re.compile(r"njit\(|@kernel\(|NamedTuple\)|DefaultPassBuilder")
+SHAPING = re.compile(r"njit\(|NamedTuple\)|DefaultPassBuilder")
 """In files that have kernels, or what kernels take."""
 
 
 @functools.cache
-def kernel_sources() -> tuple[str, ...]:
+def kernel_sources() -> dict[Path, str]:
     """The text of each file with kernels, or with named tuples that kernels take."""
-    texts = (path.read_text(encoding="utf-8") for path in sorted(CORE.rglob("*.py")))
-    return tuple(text for text in texts if SHAPING.search(text))
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(CORE.rglob("*.py"))}
+    return {path: text for path, text in texts.items() if SHAPING.search(text)}
 
 
 def kernel_count() -> int:
     """How many kernels there are."""
-    return sum(len(KERNEL.findall(text)) for text in kernel_sources())
+    return sum(len(KERNEL.findall(text)) for text in kernel_sources().values())
 
 
 def kernel_folder() -> Path | None:
     """Where this state of all kernels belongs: below NUMBA_CACHE_DIR, or `cache_folder`; None where
     there is neither."""
-    parts = (*kernel_sources(), version("numba"), version("llvmlite"))
-    # Kernels that look whether each index is within its array are others.
-    parts += (os.environ.get("NUMBA_BOUNDSCHECK", ""),)
+    # Numba takes a kernel for another where its file lies elsewhere or was written anew.
+    files = [(str(path), path.stat().st_mtime_ns, text) for path, text in kernel_sources().items()]
+    # Kernels that look whether each index is within its array are others, too.
+    checked = os.environ.get("NUMBA_BOUNDSCHECK", "")
+    parts = (files, version("numba"), version("llvmlite"), checked)
     name = f"kernels-{hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
     given = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(given) if given else cache_folder()
@@ -80,16 +80,3 @@ def use_kernel_folder() -> None:
             shutil.copytree(folder, aside, dirs_exist_ok=True)
         folder = Path(aside)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
-
-
-def kernel(*, lean: bool = False, nogil: bool = True, inline: bool = False) -> Callable[..., Any]:
-    """`numba.njit(cache=True, nogil=True)`; lean and inline ones by `Uncounted`."""
-    from numba import njit
-
-    from placement_planner_ros.core.uncounted import Uncounted
-
-    options: dict[str, Any] = {"pipeline_class": Uncounted} if lean or inline else {}
-    if inline:
-        options["inline"] = "always"
-    made: Callable[..., Any] = njit(cache=True, nogil=nogil or True, **options)
-    return made

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.primitives import Colour
 
@@ -161,7 +161,7 @@ def _draw_mesh(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> Non
     )
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _fill_triangles(
     projected: Array,
     triangles: npt.NDArray[np.int64],

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
@@ -256,7 +256,7 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
     return result
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _cast_rays(
     normals: Array,
     offsets: Array,

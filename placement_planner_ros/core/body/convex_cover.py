@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from scipy.spatial import QhullError
 
 from placement_planner_ros.core.body.mesh_cells import FarCells, Mask, MeshCells, surface_points
@@ -26,7 +27,6 @@ from placement_planner_ros.core.body.polytope import (
     hull_around,
     simpler_hull,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array, frozen_array
 
 MAX_PARTS = 32
@@ -281,7 +281,7 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
     return found
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _held_share(along: Array, cells_along: Array, chosen: Mask) -> float:
     """Share of cells that are between the ends of the chosen points in every direction.
 

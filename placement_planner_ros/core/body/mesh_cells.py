@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy import ndimage
 
 from placement_planner_ros.core.body.polytope import Polytope
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
@@ -74,7 +74,7 @@ class FarCells:
         return np.asarray(first + _cells_met(middles[first:last], hull.planes, self.half, most))
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _cells_met(middles: Array, planes: Array, half: float, most: int) -> npt.NDArray[np.int64]:
     """Rows of cells, by their middles (n, 3) and half sides, that none of some planes (p, 4) has
     all of on its outer side; no more than `most` of them."""

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.mesh import volumes_under
 from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 UNION_CELLS = 2_000_000
@@ -99,7 +99,7 @@ def _cells_inside(solids: Array, start: Array, count: npt.NDArray[np.int64], siz
     return np.asarray(_winding_cells(np.ascontiguousarray(solids), start, count, size))
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _winding_cells(
     triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float
 ) -> Array:

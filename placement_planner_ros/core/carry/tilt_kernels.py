@@ -22,9 +22,11 @@ from __future__ import annotations
 
 import math
 
-from placement_planner_ros.core.kernels import kernel
+from numba import njit
+
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 _AIM_SHARE = 0.7
 """Share of the planned limit that projected configurations lean by: straight edges between two of
@@ -40,7 +42,7 @@ _LEAST_TILT_SLOPE = 1e-6
 """Slope of the tilt, per rad of all joints together, below which nothing leads back."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _tilt_and_slopes(
     prismatic: Flags, up: Array, frames: Array, work: Array
 ) -> tuple[float, float]:
@@ -65,7 +67,7 @@ def _tilt_and_slopes(
     return z, math.sqrt(x * x + y * y)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
     """Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i), with what `_tilt_and_slopes` filled in."""
     # k_j from the outermost joint inward.
@@ -86,7 +88,7 @@ def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
     return bend
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def edge_keeps_tilt(
     fixed: Array,
     prismatic: Flags,
@@ -145,7 +147,7 @@ def edge_keeps_tilt(
     return False
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def project_tilt(
     fixed: Array,
     prismatic: Flags,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
@@ -39,9 +40,9 @@ from placement_planner_ros.core.collision.separation import (
     UNDECIDED,
     check_separation,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 
 class BoxArrays(NamedTuple):
@@ -66,7 +67,7 @@ class BoxArrays(NamedTuple):
     """Its levels."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def distance_bounds(
     grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
 ) -> tuple[float, float]:
@@ -99,7 +100,7 @@ def distance_bounds(
     return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def layer_range(
     layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
 ) -> tuple[int, int]:
@@ -119,7 +120,7 @@ def layer_range(
     return first, end
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
     """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
     far = need + BOUND_TOLERANCE_M
@@ -159,7 +160,7 @@ class SetRows(NamedTuple):
     """Whether the planes enclose the set and nothing more."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def polytope_meets_box(
     world: SetsInWorld,
     rows: SetRows,
@@ -234,7 +235,7 @@ def polytope_meets_box(
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def open_leaves(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -315,7 +316,7 @@ def open_leaves(
     return result, count
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _plane_in_world(
     arm: ArmArrays, scratch: ArmScratch, s: int, plane: int, need: float
 ) -> tuple[float, float, float, float]:
@@ -332,7 +333,7 @@ def _plane_in_world(
     return nx, ny, nz, offset + (need + BOUND_TOLERANCE_M + arm.radius[s])
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _set_meets_box(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, s: int, box: int, need: float, hit: float
 ) -> int:
@@ -386,7 +387,7 @@ def _set_meets_box(
     return answer
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def open_leaves_meet_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, need: float, hit: float
 ) -> int:
@@ -486,7 +487,7 @@ def open_leaves_meet_boxes(
     return result
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def body_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, need: float, hit: float
 ) -> int:

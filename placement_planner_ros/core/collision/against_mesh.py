@@ -8,6 +8,7 @@ inside the solid that its closed components bound, or outside: a ray says which.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from placement_planner_ros.core.collision.meshes import MeshArrays
 from placement_planner_ros.core.collision.separation import (
@@ -17,8 +18,8 @@ from placement_planner_ros.core.collision.separation import (
     UNDECIDED,
     check_separation,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 COARSE_MOTION_M = 0.02
 """Metres of motion above which an interval is searched for collisions rather than certified."""
@@ -31,7 +32,7 @@ _UNKNOWN_WINDING = -1
 Point = tuple[float, float, float]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _next_node(node: int) -> int:
     """The next node in preorder that is not below this one; 0 after the last."""
     # Climb while the node is a right child (its number is even).
@@ -41,7 +42,7 @@ def _next_node(node: int) -> int:
     return node + 1 if node > 0 else 0
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _furthest_along(points: Array, count: int, x: float, y: float, z: float) -> float:
     """How far the first `count` points (., 3) reach along (x, y, z)."""
     # The furthest of the points.
@@ -51,7 +52,7 @@ def _furthest_along(points: Array, count: int, x: float, y: float, z: float) -> 
     return most
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _lowest_along(corners: Array, k: int, x: float, y: float, z: float) -> float:
     """How far back along (x, y, z) the triangle of corners k to k + 2 reaches."""
     return min(
@@ -61,7 +62,7 @@ def _lowest_along(corners: Array, k: int, x: float, y: float, z: float) -> float
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _beside_box(corners: Array, k: int, low: Point, high: Point, far: float) -> bool:
     """Whether the box around corners k to k + 2 is `far` from the box from `low` to `high`."""
     # The gap along each axis, whose squares add up.
@@ -74,7 +75,7 @@ def _beside_box(corners: Array, k: int, low: Point, high: Point, far: float) -> 
     return bool(square >= far * far)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def box_corner(boxes: Array, box: int, number: int) -> Point:
     """A corner (0 to 7) of a box of (., 6)."""
     # A bit of the number for each axis.
@@ -85,7 +86,7 @@ def box_corner(boxes: Array, box: int, number: int) -> Point:
     )
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _move_point(T: Array, point: Point, room: Array, row: int) -> None:
     """Write T (4, 4) times a point into a row of (., 3)."""
     x, y, z = point
@@ -93,7 +94,7 @@ def _move_point(T: Array, point: Point, room: Array, row: int) -> None:
         room[row, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + T[i, 3]
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def mesh_meets_hull(
     meshes: MeshArrays, mesh: int, points: Array, count: int, need: float, hit: float, work: Array
 ) -> int:
@@ -183,7 +184,7 @@ def mesh_meets_hull(
     return result if inside == 0 else UNDECIDED
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def meshes_meet(
     meshes: MeshArrays,
     pair: tuple[int, int],
@@ -256,7 +257,7 @@ def meshes_meet(
     return result
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def winding_number(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) -> int:
     """How often the closed components of a mesh wind about a point; negative where it is not known.
 
@@ -286,7 +287,7 @@ def winding_number(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) 
     return _UNKNOWN_WINDING
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _ray_crossings(
     meshes: MeshArrays,
     mesh: int,

@@ -9,6 +9,7 @@ own. What runs in the innermost loops is written into its callers (`inline`).
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
@@ -35,14 +36,14 @@ from placement_planner_ros.core.collision.separation import (
     UNDECIDED,
     check_separation,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 COVERS_MEET = 3
 """Two parts whose covers do not settle how near their meshes are."""
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _sets_meet(
     arm: ArmArrays,
     scratch: ArmScratch,
@@ -97,7 +98,7 @@ def _sets_meet(
     return answer
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _support_gap(
     arm: ArmArrays, scratch: ArmScratch, a: int, b: int, direction: tuple[float, float, float]
 ) -> float:
@@ -134,7 +135,7 @@ def _support_gap(
     return gap
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _solids_meet(
     arm: ArmArrays, scratch: ArmScratch, s: int, t: int, slot: int, need: float, hit: float
 ) -> int:
@@ -184,7 +185,7 @@ def _solids_meet(
     return answer
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
     """Whether the bounding spheres of a pair of bodies (row of `ArmArrays.pairs`) keep `need`."""
     # The line between both centres, against the radii.
@@ -197,7 +198,7 @@ def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _meshes_meet(
     arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float, hit: float
 ) -> int:
@@ -215,7 +216,7 @@ def _meshes_meet(
     return answer
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies: FREE if they keep `need`, COLLIDING if they are closer than `hit`.
 
@@ -284,7 +285,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     return result
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def pair_meets(
     arm: ArmArrays,
     scratch: ArmScratch,

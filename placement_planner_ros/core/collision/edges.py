@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.collision.against_boxes import BoxArrays, body_meets_boxes
 from placement_planner_ros.core.collision.against_robot import pair_meets
@@ -28,8 +29,8 @@ from placement_planner_ros.core.collision.arrays import (
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.collision.states import NOT_FINITE
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
@@ -60,7 +61,7 @@ class Edge(NamedTuple):
     """(n,) how far joints may stray from it."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array) -> None:
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
     frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic
@@ -91,7 +92,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
             bound[body, k] = m
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _place_interval(
     arm: ArmArrays,
     scratch: ArmScratch,
@@ -119,7 +120,7 @@ def _place_interval(
         bound_motion(arm, scratch, straight, scratch.bound_straight)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _append_halves(
     queue: Array, settled: npt.NDArray[np.bool_], head: int, waiting: int, items: int
 ) -> None:
@@ -135,7 +136,7 @@ def _append_halves(
             settled[place, item] = settled[head, item]
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def check_edge(
     arm: ArmArrays,
     boxes: BoxArrays,

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from numba import njit
+
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
     body_meets_boxes,
@@ -22,8 +24,8 @@ from placement_planner_ros.core.collision.arrays import (
 )
 from placement_planner_ros.core.collision.placing import place_spheres
 from placement_planner_ros.core.collision.separation import COLLIDING
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 
 class KeptMargins(NamedTuple):
@@ -36,7 +38,7 @@ class KeptMargins(NamedTuple):
     """Whether the held object is left out against the obstacle set."""
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def hand_collides(
     arm: ArmArrays,
     boxes: BoxArrays,

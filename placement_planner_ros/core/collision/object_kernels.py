@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
@@ -29,8 +30,8 @@ from placement_planner_ros.core.collision.meshes import MeshArrays, mesh_arrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import bounding_sphere
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 
 class ObjectArrays(NamedTuple):
@@ -124,7 +125,7 @@ class ObjectScratch(NamedTuple):
         )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _place_part(
     thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float
 ) -> None:
@@ -161,7 +162,7 @@ def _place_part(
         planes[v, 3] = offset + max(planes[v, 2], 0.0) * raised
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _mesh_meets_box(
     thing: ObjectArrays,
     scratch: ObjectScratch,
@@ -185,7 +186,7 @@ def _mesh_meets_box(
     return mesh_meets_hull(thing.mesh, 0, box, 8, margin, margin, scratch.work)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _part_meets_boxes(
     thing: ObjectArrays,
     boxes: BoxArrays,
@@ -249,7 +250,7 @@ def _part_meets_boxes(
     return FREE
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: float) -> bool:
     """Whether a ball (4,) in the object's frame, swept, surely keeps the margin from all boxes.
 
@@ -264,7 +265,7 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
     return bound >= ball[3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _check_pose(
     thing: ObjectArrays,
     boxes: BoxArrays,
@@ -296,7 +297,7 @@ def _check_pose(
     return FREE
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def check_poses(
     thing: ObjectArrays,
     boxes: BoxArrays,

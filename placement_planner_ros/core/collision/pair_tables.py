@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Indices = npt.NDArray[np.int64]
 
@@ -46,7 +47,7 @@ def cell_count(lower: float, upper: float) -> int:
     return min(math.floor((upper - lower) / CELL_RAD) + 1, CELLS_PER_TURN)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def apart_within(
     tables: PairTables, table: int, q1: float, q2: float, delta1: float, delta2: float
 ) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numba import njit
+
 from placement_planner_ros.core.collision.against_mesh import (
     box_corner,
     mesh_meets_hull,
@@ -14,11 +16,11 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     ArmScratch,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int, T: Array) -> None:
     """Set T (4, 4) to T_world_mesh."""
     # The joint's frame, times the mesh's frame in it.
@@ -31,7 +33,7 @@ def _place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int, T: Array) -> Non
         T[i, 3] += A[joint, i, 3]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _to_mesh(scratch: ArmScratch, row: int, x: float, y: float, z: float) -> None:
     """Put a point of the world into row of `mesh_points`, in the frame of the placed mesh."""
     # From the frame's origin, turned back.
@@ -41,7 +43,7 @@ def _to_mesh(scratch: ArmScratch, row: int, x: float, y: float, z: float) -> Non
         points[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def mesh_meets_box(
     arm: ArmArrays,
     scratch: ArmScratch,
@@ -64,7 +66,7 @@ def mesh_meets_box(
     return mesh_meets_hull(arm.trees, tree, scratch.mesh_points, 8, need, hit, scratch.work)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def mesh_meets_set(
     arm: ArmArrays, scratch: ArmScratch, mesh: int, s: int, need: float, hit: float
 ) -> int:
@@ -87,7 +89,7 @@ def mesh_meets_set(
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def placed_meshes_meet(
     arm: ArmArrays, scratch: ArmScratch, mesh: int, other: int, need: float, hit: float
 ) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_SET,
@@ -14,18 +15,18 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     ArmScratch,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def note_hit(scratch: ArmScratch, kind: int, a: int, b: int) -> None:
     """Say in `ArmScratch.hit` what meets what."""
     scratch.hit[0], scratch.hit[1], scratch.hit[2] = kind, a, b
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,); whatever was placed in the world before is outdated."""
     # A new stamp outdates all that was placed before.
@@ -33,7 +34,7 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     """Bounding spheres of a moving body and of its sets, its joint's frame being placed."""
     frames, bodies = scratch.frames, arm.bodies
@@ -52,14 +53,14 @@ def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
         )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def place_all_spheres(arm: ArmArrays, scratch: ArmScratch) -> None:
     """Bounding spheres of all moving bodies and their sets."""
     for body in range(arm.moving):
         place_spheres(arm, scratch, body)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Vertices and box of convex set s in the world."""
     frames = scratch.frames
@@ -84,7 +85,7 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         bounds[s, i + 3] = high + radius
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""
     frames, sets = scratch.frames, arm.sets

@@ -10,9 +10,10 @@ numerical failure inside can cost an answer (`UNDECIDED`) but never make it wron
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 FREE = 0
 COLLIDING = 1
@@ -25,7 +26,7 @@ BOUND_TOLERANCE_M = 1e-6
 _WOLFE_ITERATIONS = 40
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     """Reduce a simplex of `count` ≤ 4 points to the face that holds its point next to the origin.
 
@@ -141,7 +142,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     return -1
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _wolfe_step(
     simplex: Array,
     weights: Array,
@@ -189,7 +190,7 @@ def _wolfe_step(
     return _OPEN, count, (x, y, z), (lower, upper)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _support_vertex(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
     """Which of vertices[first:last] lies furthest in direction (x, y, z)."""
     # Along the direction, the largest of the products.
@@ -203,7 +204,7 @@ def _support_vertex(vertices: Array, first: int, last: int, x: float, y: float, 
     return best
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def check_separation(
     vertices: Array,
     first: int,

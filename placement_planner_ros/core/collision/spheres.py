@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -148,7 +148,7 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
     return builder.tree()
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _distinct_corners(surface: Array) -> Array:
     """The corners (m, 3) of triangles (k, 3, 3), each once."""
     points = surface.reshape(-1, 3)
@@ -171,7 +171,7 @@ def _distinct_corners(surface: Array) -> Array:
     return kept[:count].copy()
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _cut_halves(surface: Array, corners: Array) -> tuple[Array, Array]:
     """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
     # The mean of the corners, and how they spread about it.
@@ -204,7 +204,7 @@ def _cut_halves(surface: Array, corners: Array) -> tuple[Array, Array]:
     return _lower_part(surface, heights), _lower_part(surface, -heights)
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _lower_part(surface: Array, heights: Array) -> Array:
     """The surface (., 3, 3) of that part of a convex polytope where heights are not above 0.
 
@@ -258,7 +258,7 @@ def _lower_part(surface: Array, heights: Array) -> Array:
     return kept[:count].copy()
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def bounding_sphere(points: Array) -> tuple[Array, float]:
     """Centre (3,) and radius of a ball around (n, 3) points, within 1 % of the smallest.
 

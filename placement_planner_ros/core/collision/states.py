@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
@@ -14,14 +15,14 @@ from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, I
 from placement_planner_ros.core.collision.hand import KeptMargins
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 NOT_FINITE = 4
 """A configuration holds a NaN or an infinity."""
 
 
-@kernel(lean=True, nogil=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def check_states(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -57,7 +58,7 @@ def check_states(
         answers[i] = result
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) -> int:
     """The robot against itself at q (n,), where it has been placed."""
     # Nothing moves: no range of joint values.

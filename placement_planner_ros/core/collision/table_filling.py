@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.collision.against_robot import bodies_meet, spheres_apart
 from placement_planner_ros.core.collision.arrays import (
@@ -23,7 +24,6 @@ from placement_planner_ros.core.collision.pair_tables import CELL_RAD, PairTable
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -88,7 +88,7 @@ def _apart_bits(
     return np.packbits(table)
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _fill_table(
     arm: ArmArrays,
     scratch: ArmScratch,

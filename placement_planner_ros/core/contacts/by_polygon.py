@@ -7,16 +7,17 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
 from placement_planner_ros.core.types import Array, Slope, upright
+from placement_planner_ros.core.uncounted import Uncounted
 
 _FILLED_SHARE = 0.5
 """Share of the contact points below which what carries them in a noisy cloud may be thin bars."""
@@ -164,7 +165,7 @@ class PolygonSupport:
         return shift, keeps / np.sqrt(1.0 + (slope * slope).sum(axis=1))
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _firm_support(
     points: Array,
     gaps: Array,
@@ -225,7 +226,7 @@ def _firm_support(
     return widths, planes
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _carrying_points(
     points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_], plane: Array
 ) -> bool:
@@ -262,7 +263,7 @@ def _carrying_points(
     return _fit_plane(points, gaps, carries, plane) > 0.0
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
     """m across some of the points, where they are narrowest; 0 where they are in line.
 
@@ -303,7 +304,7 @@ def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Arr
     return 2.0 * math.sqrt(least / count)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
     """m between the two parallel lines, closest together, that hold a convex polygon.
 
@@ -324,7 +325,7 @@ def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
     return narrowest
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _convex_hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
     """Rows of the corners of the convex hull of some of the points (k, 2), sorted, anticlockwise.
 

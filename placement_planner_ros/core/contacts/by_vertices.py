@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.body.contact_points import touching_points
 from placement_planner_ros.core.body.stable_poses import GRAVITY, TIPPING_ENERGY
 from placement_planner_ros.core.contacts.coplanarity import coplanar_support
 from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import LEVEL, Array, Slope
@@ -69,7 +69,7 @@ class VertexSupport:
         return stable
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _placed_corners(
     corners: Array, first: npt.NDArray[np.int64], faces: npt.NDArray[np.int64], T: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 MAX_LEAN_SLOPE = 0.025
@@ -21,7 +21,7 @@ _SPREAD_NOISES = 0.6
 """Times the noise that heights may spread about their plane by."""
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def coplanar_support(
     points: Array, gaps: Array, first: npt.NDArray[np.int64], noise: float
 ) -> tuple[Array, Array]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 TRIANGLES_IN_LEAF = 4
 """Triangles of a leaf."""
@@ -94,7 +95,7 @@ def _interleaved_bits(places: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return mixed
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _signed_distances(
     points: Array,
     corners: Array,
@@ -144,7 +145,7 @@ def _signed_distances(
                 found[i] = -found[i]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _squared_from_box(box: Array, point: Array) -> float:
     """Squared distance of a point (3,) from a box (6,)."""
     total = 0.0
@@ -154,23 +155,23 @@ def _squared_from_box(box: Array, point: Array) -> float:
     return total
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _vector_from(point: Array, corner: Array) -> Vector:
     """The way from a point (3,) to a corner (3,)."""
     return corner[0] - point[0], corner[1] - point[1], corner[2] - point[2]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _dot_product(u: Vector, v: Vector) -> float:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _cross_product(u: Vector, v: Vector) -> Vector:
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
     """Squared distance of a point (3,) from a triangle (3, 3), written with its nearest point."""
     normal = _cross_product(
@@ -201,7 +202,7 @@ def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
     return best
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _signed_crossings(
     corners: Array, boxes: Array, point: Array, way: Array, waiting: npt.NDArray[np.int64]
 ) -> int:
@@ -245,7 +246,7 @@ def _signed_crossings(
     return total
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def rows_in_boxes(points: Array, boxes: Array) -> npt.NDArray[np.int64]:
     """Rows of points (n, 3) in any of (k, 2, 3) boxes, of which middle and half sides are given."""
     rows = np.empty(len(points), np.int64)

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.motion.projected import Constraint, ProjectedSteps
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
@@ -80,7 +80,7 @@ class _Goal:
     tried: bool = False
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _nearest_node(
     nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
 ) -> int:

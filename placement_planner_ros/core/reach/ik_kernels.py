@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames, frames_jacobian
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 ROTATION_SCALE_M = 0.25
 """m; a rotation error of 1 rad weighs as much as this position error."""
@@ -70,7 +71,7 @@ class IKScratch(NamedTuple):
     """(n,)"""
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def ik_scratch(dof: int) -> IKScratch:
     """Work space for an arm of so many joints."""
     return IKScratch(
@@ -84,7 +85,7 @@ def ik_scratch(dof: int) -> IKScratch:
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _pose_error(tip: Array, target: Array, error: Array) -> None:
     """error (6,): translation, then rotation vector, that take the tip to the target, in world."""
     for a in range(3):
@@ -128,7 +129,7 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
             error[a] *= math.pi / math.sqrt(norm)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def solve_spd(M: Array, b: Array) -> None:
     """Solve M x = b in place, M (6, 6) symmetric positive definite, by Cholesky."""
     # L, with M = L Lᵀ, into the lower triangle
@@ -155,7 +156,7 @@ def solve_spd(M: Array, b: Array) -> None:
         b[i] = s / M[i, i]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def follow_in_place(ties: Array, q: Array) -> None:
     """`arm.follow_masters` of q (n,) itself."""
     # Each follower from the joint that it follows.
@@ -163,7 +164,7 @@ def follow_in_place(ties: Array, q: Array) -> None:
         q[int(ties[k, 0])] = ties[k, 2] * q[int(ties[k, 1])] + ties[k, 3]
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
     """J of the tip where the frames are, a radian weighing as much as ROTATION_SCALE metres.
 
@@ -186,7 +187,7 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
             J[a, joint] = 0.0
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def solve_normal(scratch: IKScratch, damping: float) -> None:
     """y := (J Jᵀ + damping I)⁻¹ y, J without the joints that are not free."""
     J, M, free = scratch.J, scratch.M, scratch.free
@@ -202,7 +203,7 @@ def solve_normal(scratch: IKScratch, damping: float) -> None:
     solve_spd(M, scratch.y)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float) -> None:
     """dq: the damped least squares' step for the error, no joint taken beyond a limit.
 
@@ -251,7 +252,7 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
             break
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def descend_to_target(
     arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch
 ) -> bool:
@@ -297,7 +298,7 @@ def descend_to_target(
     return False
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):
@@ -310,7 +311,7 @@ def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: 
     return False
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def solve_batch(
     arm: IKArm,
     targets: Array,
@@ -348,7 +349,7 @@ def solve_batch(
         counts[t] = count
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def track_targets(
     arm: IKArm,
     targets: Array,

@@ -20,12 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from numba import njit
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.robot.arm import Arm, follow_masters
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Flags = npt.NDArray[np.bool_]
 
@@ -33,7 +34,7 @@ _REMEMBERED_CHAINS = 16
 """How many chains are remembered."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
     """Joint frames and tip at q: the module's product from left to right.
 
@@ -88,7 +89,7 @@ def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> Non
         F[2, 0], F[2, 1], F[2, 2], F[2, 3] = r20, r21, r22, pz
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point (x, y, z) of frame `joint` of `chain_frames`."""
     return (
@@ -107,7 +108,7 @@ def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[f
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def frames_jacobian(
     frames: Array, prismatic: Flags, x: float, y: float, z: float, jacobian: Array
 ) -> None:
@@ -135,7 +136,7 @@ def frames_jacobian(
             jacobian[3, i], jacobian[4, i], jacobian[5, i] = zx, zy, zz
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> None:
     """Tips (n, 4, 4), zero before, of Q (n, dof)."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
@@ -148,7 +149,7 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
         tips[k, 3, 3] = 1.0
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _joint_frames_batch(
     fixed: Array, prismatic: Flags, aligned: Array, Q: Array, out: Array
 ) -> None:
@@ -169,7 +170,7 @@ def _joint_frames_batch(
             out[k, i, 3, 3] = 1.0
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _jacobian_batch(
     fixed: Array, prismatic: Flags, T_tip_object: Array, Q: Array, out: Array
 ) -> None:

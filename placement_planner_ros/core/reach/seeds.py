@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.ik_kernels import ROTATION_SCALE_M
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array, frozen_array
@@ -22,7 +22,7 @@ WINDOW_ROWS = 512
 """Rows of the table that are compared for one pose."""
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _nearest_rows(
     features: Array,
     configurations: Array,

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.ik_kernels import (
     IKArm,
     IKScratch,
@@ -24,6 +24,7 @@ from placement_planner_ros.core.reach.ik_kernels import (
 )
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 CORRECTION_ITERATIONS = 6
 """Iterations at most that lead back onto the pose after a step."""
@@ -38,7 +39,7 @@ MIN_STEP_SHARE = 0.25
 """Share of a step that a joint limit must leave for it to be made."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _project_to_null_space(arm: IKArm, tangent: Array, scratch: IKScratch) -> bool:
     """Project tangent (n,) onto the null space of the Jacobian at the scratch's frames.
 
@@ -73,7 +74,7 @@ def _project_to_null_space(arm: IKArm, tangent: Array, scratch: IKScratch) -> bo
     return True
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _null_direction(
     arm: IKArm, axis: int, any_axis: bool, tangent: Array, scratch: IKScratch
 ) -> bool:
@@ -87,7 +88,7 @@ def _null_direction(
     return False
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _near_visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
     """Whether q is next to one of the configurations."""
     # Newest first, as the walk's own last steps are nearest.
@@ -98,7 +99,7 @@ def _near_visited(q: Array, starts: Array, found: Array, prismatic: Flags, radiu
     return False
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _walk_self_motion(
     arm: IKArm,
     target: Array,
@@ -162,7 +163,7 @@ def _walk_self_motion(
     return count
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def sweep_batch(
     arm: IKArm,
     targets: Array,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.against_boxes import distance_bounds
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.objective.objective import PoseRanges
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
 
@@ -57,7 +58,7 @@ def inner_balls(body: Body, radius: float) -> Array:
     return np.column_stack([body.volume_points, depth])[order]
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _stays_on_boxes(
     ball: Array,
     at: tuple[float, float, float],
@@ -89,7 +90,7 @@ def _stays_on_boxes(
     return True
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _mark_overlaps(
     balls: Array,
     grid: Array,

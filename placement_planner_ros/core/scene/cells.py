@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Index = npt.NDArray[np.int32]
 Rows = npt.NDArray[np.int64]
@@ -67,7 +68,7 @@ def sort_into_cells(
     return Bins(sorted_points, start, cells, number_at)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _sort_into_cells(
     points: Array, origin: Array, cell_size: float, lower: Array, upper: Array, number_at: Index
 ) -> tuple[Array, Rows, Index]:
@@ -137,7 +138,7 @@ def boxes_of_cells(bins: Bins, skin: float, max_boxes: int) -> CellBoxes:
     return CellBoxes(*_boxes_of_cells(bins, skin, max_boxes))
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _bound_points(points: Array, rows: Rows, box: Array) -> None:
     """`box` (2, 3): the tight box around points[rows]."""
     for a in range(3):
@@ -147,7 +148,7 @@ def _bound_points(points: Array, rows: Rows, box: Array) -> None:
             box[1, a] = max(box[1, a], points[row, a])
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _box_volume(box: Array, skin: float) -> tuple[float, bool]:
     """Volume, each side counted as at least `skin`; whether some side is no thicker than that."""
     volume, flat = 1.0, False
@@ -158,7 +159,7 @@ def _box_volume(box: Array, skin: float) -> tuple[float, bool]:
     return volume, flat
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) -> int:
     """Put those of `rows` first whose points lie within `skin` of the fullest side of their box.
 
@@ -191,7 +192,7 @@ def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) ->
     return taken
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _cut_cell(
     points: Array, rows: Rows, skin: float, max_boxes: int, spill: Rows, boxes: Array, ends: Rows
 ) -> int:
@@ -232,7 +233,7 @@ def _cut_cell(
     return 1
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _boxes_of_cells(
     bins: Bins, skin: float, max_boxes: int
 ) -> tuple[Index, Array, Array, Index, Rows, npt.NDArray[np.float32]]:
@@ -274,7 +275,7 @@ def _boxes_of_cells(
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _one_surface(
     lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
 ) -> bool:
@@ -297,7 +298,7 @@ def _one_surface(
     return overlap
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def close_gaps(
     boxes: CellBoxes, number_at: Index, origin: Array, cell_size: float, skin: float
 ) -> tuple[Array, Array]:

@@ -15,12 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.rasters import Field, Index, hand_on_nearest
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
+from placement_planner_ros.core.uncounted import Uncounted
 
 CAP = 0.5
 """m, the greatest distance that counts: what an empty table has."""
@@ -314,7 +315,7 @@ def _fill_slices(
     return values
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _face_distances(
     elements: Array,
     bottom: Array,
@@ -339,7 +340,7 @@ def _face_distances(
                 values[i, j, face] = min(np.float32(distance), values[i, j, face])
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _raise_to_slope(values: Field, pixel: np.float32) -> None:
     """Raise (slices, nx, ny, 2) values to where pixels are no further apart than their distance."""
     slices, nx, ny, faces = values.shape
@@ -366,7 +367,7 @@ def _raise_to_slope(values: Field, pixel: np.float32) -> None:
                     values[s, i, j, face] = least
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _slice_of(faces: Array, z: float) -> int:
     """The slice that a height lies in: the first whose upper face is above it."""
     low, high = 0, len(faces) - 1
@@ -379,7 +380,7 @@ def _slice_of(faces: Array, z: float) -> int:
     return low
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Mean of d_S over a voxel's height around a point, and its change along x and y."""
     values, faces = table.values, table.faces
@@ -416,7 +417,7 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
     return total, along_x, along_y
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _point_distances(table: ClearanceTable, points: Array) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
@@ -426,7 +427,7 @@ def _point_distances(table: ClearanceTable, points: Array) -> Array:
     return result
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _mean_clearance(
     table: ClearanceTable, T_world_object: Array, points: Array, slopes: bool
 ) -> tuple[Array, Array]:

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 AROUND_M, CLEAR_M = 0.35, 0.1
 """m beside V in which surfaces are known, and m below and above them in which points matter."""
@@ -76,7 +77,7 @@ def finite_extent(points: Array) -> tuple[int, Array]:
     return len(finite), np.array([[c.min() for c in columns], [c.max() for c in columns]])
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _extent_within(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Corners (3,) of the box around those of (n, 3) points that lie within other corners; the
     lower one is above the upper one where none does."""
@@ -110,7 +111,7 @@ def thinned(
     return np.asarray(_thin_evenly(np.ascontiguousarray(points), cell_size, low, high, slots))
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _slot_of(
     points: Array,
     cell_size: float,
@@ -134,7 +135,7 @@ def _slot_of(
     return slot
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _thin_evenly(
     points: Array, cell_size: float, lower: Array, upper: Array, slots: int
 ) -> npt.NDArray[np.int64]:

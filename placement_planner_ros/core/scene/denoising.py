@@ -11,10 +11,11 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.cells import Bins, Rows
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
@@ -36,7 +37,7 @@ OUTLIER_SHARE, OUTLIERS_AGREE = 0.1, 0.8
 """Share of a cell's points that are outliers by chance, and of their moves that then is common."""
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
     """(m,) cells that hold some, but with the 26 around fewer than `min_points`, of the points
     counted (m,)."""
@@ -57,7 +58,7 @@ def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
     return lone
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
     """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) about each cell's centre."""
     points, start, cells = bins.points, bins.start, bins.cells
@@ -82,7 +83,7 @@ def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
     return moments
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _moments_around(moments: Array, bins: Bins, size: float, r: int, reach: int) -> Moments:
     """Number, sum and second moments about the centre of cell r of the cells within `reach` of it.
 
@@ -116,7 +117,7 @@ def _moments_around(moments: Array, bins: Bins, size: float, r: int, reach: int)
     return n, sx, sy, sz, xx, yy, zz, xy, xz, yz
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> Moments:
     """`_moments_around` of those points only that are within `reach` of a plane about the centre
     (3,) of cell r."""
@@ -148,13 +149,13 @@ def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: 
     return n, sx, sy, sz, xx, yy, zz, xy, xz, yz
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _off_plane(plane: Array, x: float, y: float, z: float) -> float:
     """Distance of a point beyond a plane of mean and normal (6, ...), metres."""
     return plane[3] * (x - plane[0]) + plane[4] * (y - plane[1]) + plane[5] * (z - plane[2])
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _fit_plane(moments: Moments, plane: Array) -> float:
     """The plane of points of that number, sum and second moments; returns the number.
 
@@ -203,7 +204,7 @@ def _fit_plane(moments: Moments, plane: Array) -> float:
     return n
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _plane_scatter(
     moments: Array, bins: Bins, size: float, reach: int, stride: int, min_points: int
 ) -> Array:
@@ -266,7 +267,7 @@ def project_points(
     return np.asarray(moved)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _fit_planes(
     moments: Array, bins: Bins, size: float, origin: Array, noise: float
 ) -> tuple[Array, Mask]:
@@ -313,7 +314,7 @@ def _fit_planes(
     return planes, flat
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _gather_planes(bins: Bins, flat: Mask, r: int, ring: int, candidates: Rows, count: int) -> int:
     """Append the plane cells at Chebyshev distance `ring` of cell r; returns the new count."""
     cells, number_at = bins.cells, bins.number_at
@@ -331,7 +332,7 @@ def _gather_planes(bins: Bins, flat: Mask, r: int, ring: int, candidates: Rows, 
     return count
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _project_points(
     bins: Bins, planes: Array, flat: Mask, noise: float, lower: Array, upper: Array
 ) -> tuple[Array, Array]:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
@@ -108,7 +109,7 @@ def _reached_cells(
     return (first[0], first[1], first[2]), (size[0], size[1], size[2])
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _distance_bound(
     boxes: ObstacleArrays,
     cap: float,
@@ -154,7 +155,7 @@ def _distance_bound(
     _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _within_column(
     boxes: ObstacleArrays, first: int, last: int, cap: float, layer: int, squared: Field
 ) -> None:
@@ -182,7 +183,7 @@ def _within_column(
         squared[k - layer] = best * best
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _lower_lines(
     targets: Field, slab: Field, used: npt.NDArray[np.bool_], gaps: Field, greatest: float
 ) -> None:
@@ -214,7 +215,7 @@ def _lower_lines(
                 _lower_by(targets[source + side * step], slab[source], gaps[step])
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _most_above(line: Field, other: Field, unit: np.float32) -> int:
     """By how many units, rounded down, another line is above one at most, `_UNSURE` of them off.
 
@@ -227,7 +228,7 @@ def _most_above(line: Field, other: Field, unit: np.float32) -> int:
     return int(most)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
     """target = min(target, source + gap)."""
     for k in range(len(target)):
@@ -235,7 +236,7 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
         target[k] = candidate if candidate < target[k] else target[k]
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _put_levels(
     boxes: ObstacleArrays,
     squared: Field,
@@ -279,7 +280,7 @@ def _put_levels(
             near[:] = beyond
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _finish_line(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
     """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
@@ -287,13 +288,13 @@ def _finish_line(squared: Field, least: Field, per_metre: np.float32, levels: Le
         levels[k] = _level_of(value, per_metre)
 
 
-@kernel(inline=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _level_of(squared: np.float32, per_metre: np.float32) -> np.uint8:
     """The root, rounded down to a level."""
     return np.uint8(min(math.sqrt(squared) * per_metre, np.float32(_LEVELS)))
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _scatter_box(
     boxes: ObstacleArrays,
     row: int,

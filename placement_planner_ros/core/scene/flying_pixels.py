@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
@@ -147,7 +148,7 @@ def _seen_pixels(points: Array, sensor: Array) -> SeenPixels | None:
     return SeenPixels(at[order], ranges[order], row[order], starts, pitch)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, Array, Rows, Rows]:
     """Points on the disc: (x, y) √(2 / (1 + z)) of their directions (x, y, z) in a frame.
 
@@ -176,7 +177,7 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
     return at[:m], ranges[:m], row[:m], tiles
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _sorted_by_bin(bin_of: Rows, bins: int) -> tuple[Rows, Rows]:
     """A counting sort: (n,) rows in the order of their bins, and (bins + 1,) where each begins."""
     start = np.zeros(bins + 1, np.int64)
@@ -191,7 +192,7 @@ def _sorted_by_bin(bin_of: Rows, bins: int) -> tuple[Rows, Rows]:
     return rows, start
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
     """Into `near` the other points within so many pixels of point p; returns how many."""
     a, b = seen.at[p, 0], seen.at[p, 1]
@@ -210,7 +211,7 @@ def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
     return count
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _off_line(seen: SeenPixels, p: int, q: int, o: int) -> float:
     """How far beyond point p the line from o through q, extended by as much, ends, metres.
 
@@ -226,7 +227,7 @@ def _off_line(seen: SeenPixels, p: int, q: int, o: int) -> float:
     return 2.0 * seen.range[q] - seen.range[o] - seen.range[p]
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, float]:
     """(k,) how far some points are from a line that leads to them, metres.
 
@@ -253,7 +254,7 @@ def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, f
     return found[:k], crowded / max(asked, 1)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _in_piece(seen: SeenPixels, p: int, tolerance: float, piece: Rows) -> bool:
     """Whether point p is of a piece whose neighbours differ in range by no more than that.
 
@@ -289,7 +290,7 @@ def _in_piece(seen: SeenPixels, p: int, tolerance: float, piece: Rows) -> bool:
     return False
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> bool:
     """Whether a line through two points that stay, one behind the other, leads to point p."""
     count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + STRAIGHT_PIXELS, near)
@@ -308,7 +309,7 @@ def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows
     return False
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows) -> Mask:
     """(n,) points that go, until each of those asked that stays has what it stays for.
 

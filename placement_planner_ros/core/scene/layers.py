@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.ndimage import label, map_coordinates, maximum_filter
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.rasters import (
     TILE_M,
@@ -201,7 +201,7 @@ def _with_corners(gap: Field, narrow: float) -> Field:
     return np.where(hole, gap + deep, gap)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _sorted_by_height(
     points: npt.NDArray[np.float32], slope: Slope, around: Array, low: float, steps: int
 ) -> tuple[Array, Array, Rows]:

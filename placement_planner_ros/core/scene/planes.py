@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
+from placement_planner_ros.core.uncounted import Uncounted
 
 Index = npt.NDArray[np.int64]
 
@@ -166,7 +167,7 @@ class Planes:
         return along[beside >= LEVEL_BESIDE]
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _level_beside(
     boxes: ObstacleArrays,
     height: Array,
@@ -199,7 +200,7 @@ def _level_beside(
     return found
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _step_to(
     boxes: ObstacleArrays, height: Array, used: npt.NDArray[np.bool_], p: int, i: int, j: int
 ) -> float:
@@ -252,7 +253,7 @@ def _find_planes(
     )
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _top_means(points: npt.NDArray[np.float32], first: Index, band: float) -> Array:
     """(m, 3) mean of the points of each box that are no further than the band below the highest.
 
@@ -297,7 +298,7 @@ def _plane_of(row: Array, cell_size: float, least: float) -> Plane:
     )
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
     """Whether box q takes much of the room above the top of box p.
 
@@ -317,7 +318,7 @@ def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, toleranc
     return shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.NDArray[np.bool_]:
     """(m,) whether a box has free space above."""
     cells = boxes.cells
@@ -340,7 +341,7 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
     return free
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
     """Slope and scatter of the plane of ten moments (see `_plane`); whether there is one."""
     number = moments[0]
@@ -354,7 +355,7 @@ def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
     return gx, gy, math.sqrt(max(zz - gx * xz - gy * yz, 0.0)), True
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _add_moment(moments: Array, x: float, y: float, z: float) -> None:
     """One point more: mean and second moments about it (Welford)."""
     moments[0] += 1.0
@@ -371,7 +372,7 @@ def _add_moment(moments: Array, x: float, y: float, z: float) -> None:
     moments[9] += dz * ez
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _local_fits(
     boxes: ObstacleArrays, means: Array, used: npt.NDArray[np.bool_], tolerance: float
 ) -> Array:
@@ -407,7 +408,7 @@ def _local_fits(
     return fits
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _grow_planes(
     boxes: ObstacleArrays,
     means: Array,

@@ -19,10 +19,11 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.ndimage import uniform_filter
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
@@ -108,7 +109,7 @@ def points_within(points: npt.NDArray[np.floating], low: Array, high: Array) -> 
     return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _take_nearer(elements: Array, k: int, i: int, j: int, near: Field, who: Index) -> None:
     """Take element k, if there is one, for the nearest of pixel (i, j) where it is."""
     if k >= 0 and k != who[i, j]:
@@ -119,7 +120,7 @@ def _take_nearer(elements: Array, k: int, i: int, j: int, near: Field, who: Inde
             near[i, j], who[i, j] = math.sqrt(square) - elements[k, 3], k
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) -> None:
     """Find the nearest element to each pixel, from those that are known and others that enter.
 
@@ -167,7 +168,7 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
                     _take_nearer(elements, who[i, j + 1], i, j, near, who)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def widest_empty_disc(distance: Field, greatest: float) -> Field:
     """Radius of the widest disc without points that covers each pixel.
 

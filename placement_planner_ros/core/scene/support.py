@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layer
 from placement_planner_ros.core.scene.rasters import TILE_M, Field, Index
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
+from placement_planner_ros.core.uncounted import Uncounted
 
 MOST_HEIGHTS = 64
 """Heights at most at which surface is looked for."""
@@ -294,7 +295,7 @@ def _stacked_layers(layers: list[Layer], low: int, number: Index) -> LayerStack:
     return LayerStack(low, number, np.array(layout).reshape(-1, 6), *fields)
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
     """Value between the four pixels around a place; -inf beside the layer.
 
@@ -315,7 +316,7 @@ def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
     return float(near * (1.0 - u) + far * u)
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _surface_gaps(
     points: Array, first: npt.NDArray[np.int64], tolerance: float, keeps: float, stack: LayerStack
 ) -> tuple[Array, float]:
@@ -345,7 +346,7 @@ def _surface_gaps(
     return result, math.nan
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _rising_surfaces(
     touching: Array,
     frames: Array,

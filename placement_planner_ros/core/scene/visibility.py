@@ -17,13 +17,14 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.clearance import CAP
 from placement_planner_ros.core.scene.cloud import thinned
 from placement_planner_ros.core.scene.grid import ROUNDING, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
+from placement_planner_ros.core.uncounted import Uncounted
 
 Cells = npt.NDArray[np.int32]
 Flags = npt.NDArray[np.uint8]
@@ -260,7 +261,7 @@ class SeenSpace:
         unknown[tuple(cells.T)] = False
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _points_towards(
     points: Array, sensor: Array, lower: Array, upper: Array
 ) -> tuple[npt.NDArray[np.int64], Array]:
@@ -292,7 +293,7 @@ def _points_towards(
     return rows[:count], ends[:count]
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: Mask) -> None:
     """Mark the cells between the sensor and each point as free, the point's own cell left out.
 
@@ -341,7 +342,7 @@ def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: 
             cells[end] = True
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _within_grid(
     point: Array,
     sensor: Array,
@@ -371,7 +372,7 @@ def _within_grid(
     return first, final
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _walk_cells(
     cells: npt.NDArray[np.bool_],
     cell: int,
@@ -401,7 +402,7 @@ def _walk_cells(
             t2 = t2 + between[2] if left2 > 0 else np.inf
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _direction_bin(x: float, y: float, z: float) -> int:
     """The bin of a direction, on the cube's side that it leaves through."""
     # the side, the way along it and up to it
@@ -418,7 +419,7 @@ def _direction_bin(x: float, y: float, z: float) -> int:
     return (side * _BINS + row) * _BINS + column
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _nearest_of_bins(points: Array, sensor: Array) -> Array:
     """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
     nearest = np.full(6 * _BINS * _BINS, np.inf)
@@ -431,7 +432,7 @@ def _nearest_of_bins(points: Array, sensor: Array) -> Array:
     return nearest
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def _points_behind(points: Array, nearest: Array, sensor: Array) -> Mask:
     """(n,) which points (n, 3) lie behind something as seen by a sensor: behind the nearest point
     in the bin of directions that they lie in."""

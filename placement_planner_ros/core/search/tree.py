@@ -11,10 +11,11 @@ import itertools
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.uncounted import Uncounted
 
 N = TypeVar("N")
 
@@ -22,7 +23,7 @@ _UNKNOWN = -1
 """The number of children is not known yet."""
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _descend_tree(
     node: int,
     depth: int,
@@ -84,7 +85,7 @@ def _descend_tree(
         depth += 1
 
 
-@kernel(lean=True)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _propagate_reward(
     node: int,
     visit: int,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_SET,
@@ -16,7 +17,6 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     Indices,
 )
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
@@ -34,14 +34,14 @@ class SweptCubes(NamedTuple):
     """(nx, ny, nz)."""
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def place_all(arm: ArmArrays, configurations: Array, frames: Array) -> None:
     """Fill frames (k, n + 2, 4, 4) of all joints and the tip at configurations (k, n)."""
     for k in range(len(configurations)):
         chain_frames(arm.fixed, arm.prismatic, configurations[k], frames[k])
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) -> None:
     """Mark cubes that come so near, metres, to a sphere around a piece of a body at any of frames
     (k, n + 2, 4, 4)."""
@@ -90,7 +90,7 @@ def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) 
                         swept[i, j, first : min(int((z + high) / size) + 1, nz)] = True
 
 
-@kernel(nogil=True)
+@njit(cache=True, nogil=True)
 def find_news(
     points: Array,
     cubes: SweptCubes,

@@ -13,11 +13,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numba import njit
 from toppra.constraint import DiscretizationType, LinearConstraint
 from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 from toppra.interpolator import AbstractGeometricPath
 
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
 from placement_planner_ros.core.reach.reach_bound import lever_arms
 from placement_planner_ros.core.timing.quintic import halved_pieces
@@ -32,7 +32,7 @@ _FACETS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """(26, 3) normals of the polytope that stands in for a ball."""
 
 
-@kernel()
+@njit(cache=True, nogil=True)
 def _point_derivatives(
     fixed: Array, prismatic: Flags, point: Array, Q: Array, V: Array, A: Array, out: Array
 ) -> None:

@@ -17,7 +17,8 @@ from placement_planner_ros.core.warmup.compiling import (
     compile_kernels,
 )
 
-A_KERNEL = "solve_spd"
+A_KERNEL = "_raise_to_slope"
+"""Called from Python: what kernels call is compiled with them alone."""
 
 
 @pytest.fixture(scope="module")
