@@ -78,7 +78,6 @@ def placement_planner() -> Any:
     """The node; or, with `--compile`, what makes it start quickly."""
     if "--compile" in sys.argv[1:]:
         with ended_while_loading():
-            _use_kernel_folder()
             compile_all = import_module(f"{PACKAGE}.compile").main
         return compile_all()
     if _asks_for_help():

@@ -20,7 +20,7 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME, TIP_FRAMES, load_yumi
 
-SAMPLES = 1200
+SAMPLES = 3000
 """After which a search that finds nothing is given up."""
 
 
