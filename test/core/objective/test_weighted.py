@@ -30,7 +30,7 @@ def table():
 def standing(table):
     """(n, 4, 4) free poses that stand, and the planner they were drawn by."""
     planner = planner_of(table, WishSettings(), "maximize_clearance")
-    drawn = planner.sampler._uniform.draw(3000)
+    drawn = planner._search.hierarchy.sets.draws(*planner.sampler._uniform.draw(3000))
     poses = planner._search.poses
     verdicts, T = poses.verdicts(drawn.face, drawn.contact, drawn.angle)
     return T[verdicts == Verdict.FEASIBLE]
