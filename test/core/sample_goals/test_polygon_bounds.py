@@ -115,7 +115,7 @@ def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
 def test_every_pose_that_stands_is_on_a_span(kind, name, slope):
     poses = made(kind, name, slope)
     rng = np.random.default_rng(5)
-    count = 6000
+    count = 30_000
     picked = [poses.regions[k] for k in rng.integers(len(poses.regions), size=count)]
     xy = rng.uniform(VOLUME.lower[:2], VOLUME.upper[:2], (count, 2))
     slopes = np.array([region.slope for region in picked])
