@@ -180,7 +180,7 @@ def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
     assert "clouds" not in itself
     cloud = refusal(environment=surrounded(problem.q_start))
     assert re.search(
-        r"with the clouds: (gripper_l_base|yumi_link_7_l) meets the environment at \(", cloud
+        r"with the clouds: (gripper_l_base|yumi_link_[67]_l) meets the environment at \(", cloud
     )
     assert "self-collision" not in cloud
 

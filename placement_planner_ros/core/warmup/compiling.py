@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 from numba.core import event
 
 from placement_planner_ros.core.disk_cache import bypassed_cache
-from placement_planner_ros.core.kernels import kernel_count, kernel_folder
+from placement_planner_ros.core.kernels import kernel_count, kernel_folder, kernel_sources
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.warmup.known_task import STAGES, KnownTask
 from placement_planner_ros.core.warmup.loading import CORE_PACKAGE, keep_passed, passed_file
@@ -99,8 +99,10 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
 
 
 def _compiled_in(folder: Path) -> int:
-    """How many kernels a folder has in one version or more."""
-    return sum(1 for _ in folder.rglob("*.nbi"))
+    """How many of the core's kernels a folder has in one version or more; numba names its folders
+    after those of the sources."""
+    rooms = {path.parent.name for path in kernel_sources()}
+    return sum(1 for room in rooms for _ in folder.glob(f"{room}_*/*.nbi"))
 
 
 def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
