@@ -76,7 +76,7 @@ def pictures(scene: str, thing: str, play: bool) -> list[bytes]:
                 best = planner.stop(run)
             with Browser(logs / "profile", *SIZE) as browser:
                 browser.open(address)
-                browser.wait_for(f"Placement {best.number}", "estimated here", timeout=120.0)
+                browser.wait_for(f"Placement {best.number}", "It can be carried out", timeout=120.0)
                 taken = [shown(browser)]
                 if play:
                     last = best.trajectory.points[-1].time_from_start
