@@ -22,8 +22,8 @@ from pathlib import Path
 from placement_planner_ros.core.disk_cache import TROUBLES, cache_folder
 
 CORE = Path(__file__).parent
-KERNEL = re.compile(r"^@njit\((?!.*inline)", re.MULTILINE)
-"""How a kernel begins that is not only written into others."""
+_KERNEL = re.compile(r"^@njit\((?!.*inline).*\)\ndef (\w+)", re.MULTILINE)
+"""How a kernel begins that is not only written into others, and its name."""
 SHAPING = re.compile(r"njit\(|NamedTuple\)|DefaultPassBuilder")
 """In files that have kernels, or what kernels take."""
 
@@ -35,9 +35,10 @@ def kernel_sources() -> dict[Path, str]:
     return {path: text for path, text in texts.items() if SHAPING.search(text)}
 
 
-def kernel_count() -> int:
-    """How many kernels there are."""
-    return sum(len(KERNEL.findall(text)) for text in kernel_sources().values())
+def kernel_names() -> set[str]:
+    """Each kernel as numba names its file: that of its source, a dot and its own."""
+    texts = kernel_sources().items()
+    return {f"{path.stem}.{name}" for path, text in texts for name in _KERNEL.findall(text)}
 
 
 def kernel_folder() -> Path | None:

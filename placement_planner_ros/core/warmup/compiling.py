@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 from numba.core import event
 
 from placement_planner_ros.core.disk_cache import bypassed_cache
-from placement_planner_ros.core.kernels import kernel_count, kernel_folder, kernel_sources
+from placement_planner_ros.core.kernels import kernel_folder, kernel_names
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.warmup.known_task import STAGES, KnownTask
 from placement_planner_ros.core.warmup.loading import CORE_PACKAGE, keep_passed, passed_file
@@ -85,7 +85,7 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
     if passed is not None and passed.is_file():
         return
     folder = _folder_with_room()
-    kernels, began, before, said = kernel_count(), time.monotonic(), _compiled_in(folder), -1
+    kernels, began, before, said = len(kernel_names()), time.monotonic(), _compiled_in(folder), -1
 
     def tell(done: int) -> None:
         nonlocal said
@@ -99,10 +99,9 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
 
 
 def _compiled_in(folder: Path) -> int:
-    """How many of the core's kernels a folder has in one version or more; numba names its folders
-    after those of the sources."""
-    rooms = {path.parent.name for path in kernel_sources()}
-    return sum(1 for room in rooms for _ in folder.glob(f"{room}_*/*.nbi"))
+    """How many kernels a folder has in one version or more; it may have others, which are only
+    written into these unless Python calls them."""
+    return len(kernel_names() & {path.name.partition("-")[0] for path in folder.glob("*/*.nbi")})
 
 
 def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
