@@ -31,6 +31,9 @@ Result = TypeVar("Result")
 MAX_BYTES = 1_000_000_000
 """That results of one kind may take on disk: an object of 200,000 triangles takes 35 MB."""
 
+MAX_RECALLED = 1024
+"""Results of all kinds that `recalled_result` remembers: shapes of a few robots."""
+
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rf"^\s*from ({_PACKAGE.name}[.\w]*) import", re.MULTILINE)
 
@@ -149,6 +152,23 @@ def stored_result(kind: str, key: str, make: Callable[[], Result]) -> Result:
         result = make()
         keep_result(kind, key, result)
     return result
+
+
+def recalled_result(kind: str, key: str, make: Callable[[], Result]) -> Result:
+    """A `stored_result` that is small and asked for again and again: this process remembers it."""
+    if _BYPASSED.get():
+        return make()
+    held = _recalled_results(kind, key)
+    if not held:
+        held.append(stored_result(kind, key, make))
+    result: Result = held[0]
+    return result
+
+
+@functools.lru_cache(maxsize=MAX_RECALLED)
+def _recalled_results(kind: str, key: str) -> list[Any]:
+    """Where that result is kept in memory: nothing as long as there is none."""
+    return []
 
 
 def find_result(kind: str, key: str) -> Any:

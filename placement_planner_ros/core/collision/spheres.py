@@ -17,7 +17,7 @@ from numba import njit
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -67,7 +67,7 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
         return make()
     sets = tuple((s.vertices, s.radius) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
-    return stored_result("sphere trees", key, make)
+    return recalled_result("sphere trees", key, make)
 
 
 def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:

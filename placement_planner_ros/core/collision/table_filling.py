@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.edges import bound_motion
 from placement_planner_ros.core.collision.pair_tables import CELL_RAD, PairTables, cell_count
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import FREE
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -40,10 +40,10 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     Args:
         clear: what tables certify, metres.
     """
-    arrays, lower, tables = flat.arrays, [], [np.zeros(0, dtype=np.int32)]
-    counts: list[tuple[int, ...]] = []
-    pairs, total = arrays.pairs.copy(), 0
-    scratch = scratch_for(flat, 0)
+    pairs, scratch = flat.arrays.pairs.copy(), scratch_for(flat, 0)
+    lower: list[list[float]] = []
+    shapes: list[tuple[int, ...]] = []
+    tables: list[bytes] = []
     for row, (a, b, *_) in enumerate(pairs.tolist()):
         # The joints between both, which have limits and turn.
         inner, outer = flat.bodies[a], flat.bodies[b]
@@ -56,36 +56,54 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         ):
             continue
         step(f"tabling links {inner.name} and {outer.name}")
-        shape = [cell_count(*limit) for limit in limits.tolist()] + [1] * (2 - len(joints))
+        shape = (*(cell_count(*limit) for limit in limits.tolist()), 1)[:2]
         key = digest_of(
             code_digest(__name__), clear, limits, chain.fixed[joints], *map(flat.digest, (a, b))
         )
-        make = partial(_apart_bits, arrays, scratch, row, limits, shape, clear)
-        bits = stored_result("pair tables", key, make)
+        make = partial(_apart_bits, flat.arrays, scratch, row, limits, shape, clear)
         # One more table behind the others.
-        pairs[row, PAIR_TABLE] = len(counts)
+        pairs[row, PAIR_TABLE] = len(tables)
         lower.append([*limits[:, 0], 0.0][:2])
-        counts.append((*shape, total))
-        apart = np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape)
-        opened = np.pad((1 - apart).cumsum(axis=0, dtype=np.int32).cumsum(axis=1), ((1, 0), (1, 0)))
-        tables.append(opened.astype(np.int32).ravel())
-        total += opened.size
+        shapes.append(shape)
+        tables.append(recalled_result("pair tables", key, make))
+    sizes = np.array(shapes, dtype=np.int64).reshape(-1, 2)
+    ends = np.cumsum((sizes + 1).prod(axis=1))
     made = PairTables(
         np.array(lower).reshape(-1, 2),
-        np.array(counts, dtype=np.int64).reshape(-1, 3),
+        np.column_stack([sizes, ends - (sizes + 1).prod(axis=1)]),
         clear,
-        np.concatenate(tables),
+        _open_counts(tuple(tables), tuple(shapes)),
     )
-    return replace(flat, arrays=arrays._replace(pairs=pairs, tables=made))
+    return replace(flat, arrays=flat.arrays._replace(pairs=pairs, tables=made))
+
+
+@lru_cache(maxsize=8)
+def _open_counts(
+    tables: tuple[bytes, ...], shapes: tuple[tuple[int, ...], ...]
+) -> npt.NDArray[np.int32]:
+    """`PairTables.open` of bits; an arm has the same with whatever it holds."""
+    counts = [np.zeros(0, dtype=np.int32)]
+    for bits, shape in zip(tables, shapes, strict=True):
+        apart = np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1])
+        opened = np.zeros((shape[0] + 1, shape[1] + 1), dtype=np.int32)
+        np.cumsum(1 - apart.reshape(shape), axis=0, dtype=np.int32, out=opened[1:, 1:])
+        np.cumsum(opened[1:, 1:], axis=1, dtype=np.int32, out=opened[1:, 1:])
+        counts.append(opened.ravel())
+    return np.concatenate(counts)
 
 
 def _apart_bits(
-    arm: ArmArrays, scratch: ArmScratch, pair: int, limits: Array, shape: list[int], clear: float
-) -> npt.NDArray[np.uint8]:
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    pair: int,
+    limits: Array,
+    shape: tuple[int, ...],
+    clear: float,
+) -> bytes:
     """Whether the pair is apart in each cell, a bit for each."""
     table = np.zeros(shape, dtype=np.bool_)
     _fill_table(arm, scratch, pair, np.append(limits[:, 0], 0.0), clear, table)
-    return np.packbits(table)
+    return np.packbits(table).tobytes()
 
 
 @njit(cache=True, nogil=True)

@@ -27,6 +27,8 @@ _OPENING_STEP_RAD = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
 _MAX_OPENINGS = 5000
 """Openings that are looked at, at most: 5 m, or 50 rad."""
+_STILL_RAD = 1e-9
+"""rad; what turns less does not turn."""
 _ADDED_DEPTH_M = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 _FINE_DEPTH_M = 2e-5
@@ -85,12 +87,14 @@ class _Finger:
         number: of the robot's geometries.
         places: where it is from the beginning to the end of opening.
         travel: no point of it gets further than this from where it begins, metres.
+        slides: whether it does not turn on the way.
     """
 
     number: int
     link: str
     places: tuple[pin.SE3, ...]
     travel: float
+    slides: bool
 
 
 Depths = tuple[tuple[str, float], ...]
@@ -143,6 +147,12 @@ def _added_depth(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) 
     apart = np.linalg.norm(places[0].act(overlaps.centers[i]) - at.act(overlaps.centers[number]))
     if apart > overlaps.radii[i] + overlaps.radii[number] + finger.travel:
         return 0.0
+    # The gap of two solids is a convex function of the way that one slides along.
+    if finger.slides and not overlaps.has_mesh(i, number):
+        first, second = (overlaps.solids_gap(i, number, place, at) for place in places[:2])
+        last = first + (len(places) - 1) * min(second - first, 0.0)
+        if last > min(first, 0.0) - _ADDED_DEPTH_M:
+            return 0.0
     # The depth at the beginning, and the greatest one on the way.
     begun = overlaps.depth(i, number, places[0], at, _FINE_DEPTH_M)
     most = begun
@@ -194,7 +204,7 @@ def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ..
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
         if travel > STILL_M:
             places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
-            fingers.append(_Finger(i, link, places, travel))
+            fingers.append(_Finger(i, link, places, travel, slides=turned <= _STILL_RAD))
     return tuple(fingers)
 
 

@@ -128,7 +128,7 @@ def _leaving_hindrances(
                     first_met, by = row, robot.geometry_links[i]
                     break
                 # Nothing comes nearer to the object by more than its way.
-                clear = ways[row] + overlaps.solids_apart(i, j, placed[i], at)
+                clear = ways[row] + overlaps.solids_gap(i, j, placed[i], at)
                 clear -= room + _DISTANCE_ROUNDING_M
         return (by, float(ways[first_met])) if by else None
 

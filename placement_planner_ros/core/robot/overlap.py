@@ -139,12 +139,16 @@ class Overlaps:
         touch = meet(self.shapes[i], _for_coal(T_i), self.shapes[j], _for_coal(T_j), margin)
         return touch or self.nested(i, j, T_i, T_j)
 
-    def solids_apart(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
-        """Metres between two shapes that do not overlap; 0 where one of them is a mesh, whose
-        distance takes longer to find than many answers of `meet`."""
-        a, b = self.shapes[i], self.shapes[j]
-        if is_mesh(a) or is_mesh(b):
+    def has_mesh(self, i: int, j: int) -> bool:
+        """Whether one of two shapes is a mesh."""
+        return is_mesh(self.shapes[i]) or is_mesh(self.shapes[j])
+
+    def solids_gap(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
+        """Metres between two shapes, negative where they overlap; 0 where one of them is a mesh,
+        whose distance takes longer to find than many answers of `meet`."""
+        if self.has_mesh(i, j):
             return 0.0
+        a, b = self.shapes[i], self.shapes[j]
         return float(nearest(a, _for_coal(T_i), b, _for_coal(T_j)).min_distance)
 
     def depth(
