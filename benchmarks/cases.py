@@ -12,6 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks.household import (
+    HOUSEHOLD,
+    OBJECT_NAMES,
+    SINGLE_MESHES,
+    object_by_name,
+)
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -21,12 +27,6 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
-from placement_planner_ros.scenes.objects import (
-    HOUSEHOLD,
-    OBJECT_NAMES,
-    SINGLE_MESHES,
-    object_by_name,
-)
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
@@ -107,7 +107,7 @@ def inputs_of(thing: str, volume: TargetVolume, points: Array) -> CaseInputs:
     return CaseInputs(
         robot,
         tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
-        robot.configuration(start_configuration(thing)),
+        robot.configuration(start_configuration(held)),
         Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
         volume,
         points,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from benchmarks.cases import OBJECTIVES, Case
-from placement_planner_ros.scenes.objects import ALL_OBJECTS, OBJECT_NAMES
+from benchmarks.household import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
 

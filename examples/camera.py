@@ -24,9 +24,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
+from benchmarks.real_clouds.pcd_file import read_pcd
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
-from placement_planner_ros.scenes.pcd_file import read_pcd
 
 
 def read_points(file: Path) -> npt.NDArray[np.float64]:

@@ -32,8 +32,8 @@ def draw_concepts(arguments: argparse.Namespace) -> int:
     from benchmarks.concepts.division import draw_division
     from benchmarks.concepts.edge import draw_edge
     from benchmarks.concepts.regions import draw_regions
+    from benchmarks.real_clouds.pcd_file import read_pcd
     from benchmarks.real_clouds.table import on_table
-    from placement_planner_ros.scenes.pcd_file import read_pcd
 
     output = arguments.output
     output.mkdir(parents=True, exist_ok=True)

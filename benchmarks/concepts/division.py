@@ -11,12 +11,12 @@ from matplotlib.patches import Patch, Polygon, Rectangle, Wedge
 
 from benchmarks.cases import Case, make_problem
 from benchmarks.concepts.recorded import RecordedPlanner
+from benchmarks.drawing.plots import new_figure
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode, HierarchySettings
 from placement_planner_ros.core.types import Array, Verdict
-from placement_planner_ros.pictures.plots import new_figure
 
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
 SAMPLES = 6000

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from scipy.spatial import cKDTree
 
 from benchmarks.cases import Case, make_problem
+from benchmarks.drawing.plots import new_figure
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.pictures.plots import new_figure
 
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
 _SEED = 1

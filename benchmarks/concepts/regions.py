@@ -9,9 +9,9 @@ from matplotlib import colormaps
 from matplotlib.patches import Polygon, Rectangle
 
 from benchmarks.concepts.division import outlines
+from benchmarks.drawing.plots import new_figure
 from benchmarks.real_clouds.table import TableCloud
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.pictures.plots import new_figure
 
 _AROUND = 0.15
 """m beside V that are drawn."""

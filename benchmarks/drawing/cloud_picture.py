@@ -12,12 +12,12 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Patch
 
 from benchmarks.drawing.panels import panel_figure, panel_view, show_image, show_legend
+from benchmarks.household import object_by_name
 from benchmarks.real_clouds.runs import RealRun
 from benchmarks.real_clouds.table import TableCloud
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.pictures.picture import PLACED, VOLUME, box_corners, moved
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
-from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.pictures.shapes import PLACED, VOLUME, box_corners, moved, volume_edges
 
 _IN_A_ROW = 5
 _SIZE, _HEAD = (2.8, 2.3), 0.3
@@ -58,13 +58,13 @@ def _draw_panel(axes: Axes, cloud: TableCloud, points: Array, run: RealRun) -> N
     low, high = cloud.volume.lower, cloud.volume.upper
     corners = box_corners(low, np.array([*high[:2], high[2] + _OBJECTS]))
     view = panel_view(axes, corners, _TOWARDS_EYE)
-    meshes = []
+    meshes = volume_edges(cloud.volume)
     if run.pose is not None:
         thing = object_by_name(run.thing)
         meshes.append(Mesh(moved(thing.vertices, run.pose), thing.triangles, PLACED))
     image = render(view, meshes)
     _add_points(image, view, points)
-    show_image(axes, view, image, cloud.volume)
+    show_image(axes, image)
 
 
 def _add_points(image: Image, view: Viewpoint, points: Array) -> None:

@@ -11,18 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from benchmarks.drawing.panels import panel_figure, panel_view, show_image, show_legend
+from benchmarks.household import object_by_name
 from benchmarks.situations.situation import Situation
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.pictures.picture import (
+from placement_planner_ros.pictures.rendering import Mesh, render
+from placement_planner_ros.pictures.shapes import (
     PLACED,
     VOLUME,
     box_corners,
-    hiding,
     moved,
-    translucent,
+    see_through,
+    volume_edges,
 )
-from placement_planner_ros.pictures.rendering import Mesh, render
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import Colour
 
 _IMPOSSIBLE: Colour = (0.85, 0.15, 0.12)
@@ -66,9 +66,8 @@ def _draw_panel(axes: Axes, situation: Situation) -> None:
     shown = box_corners(held.min(axis=0) - _AROUND, held.max(axis=0) + _AROUND)
     view = panel_view(axes, shown, _TOWARDS_EYE)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
-    meshes = translucent(solids, hiding(view, vertices, solids))
-    image = render(view, [*meshes, Mesh(vertices, thing.triangles, colour)])
-    show_image(axes, view, image, volume)
+    meshes = [*see_through(view, vertices, solids), *volume_edges(volume)]
+    show_image(axes, render(view, [*meshes, Mesh(vertices, thing.triangles, colour)]))
 
 
 def _hovering_over(situation: Situation, vertices: np.ndarray) -> np.ndarray:

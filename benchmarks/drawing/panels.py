@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.pictures.picture import (
-    OVERSAMPLING,
-    averaged,
-    draw_volume,
-)
-from placement_planner_ros.pictures.plots import new_figure
+from benchmarks.drawing.plots import new_figure
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.pictures.rendering import Image, Viewpoint
 
+OVERSAMPLING = 2
+"""Rendered pixels for each that is shown, along a side."""
 _TITLE, _LEGEND, _GAP = 0.34, 0.40, 0.06
 """Inches: of a panel's title, of the legend, and between panels."""
 
@@ -44,18 +42,14 @@ def panel_figure(
 
 def panel_view(axes: Axes, shown: Array, towards_eye: tuple[float, float]) -> Viewpoint:
     """A view of points (n, 3) that fills a panel."""
-    width, height = (int(side) * OVERSAMPLING for side in axes.bbox.size)
-    return Viewpoint.around(shown, *towards_eye, width, height)
+    return Viewpoint.around(shown, towards_eye, np.array(axes.bbox.size) // 1 * OVERSAMPLING)
 
 
-def show_image(axes: Axes, view: Viewpoint, image: Image, volume: TargetVolume) -> None:
-    """What was rendered, with the edges of V."""
-    extent = (0, view.width, view.height, 0)
-    colours = averaged(image.colours)
-    axes.imshow(colours, extent=extent, interpolation="nearest", aspect="auto")
-    draw_volume(axes, view, image, volume)
-    axes.set_xlim(0, view.width)
-    axes.set_ylim(view.height, 0)
+def show_image(axes: Axes, image: Image) -> None:
+    """What was rendered, pixels averaged, which smooths edges."""
+    n = OVERSAMPLING
+    parts = [image.colours[row::n, column::n] for row in range(n) for column in range(n)]
+    axes.imshow(np.mean(parts, axis=0), interpolation="nearest", aspect="auto")
 
 
 def show_legend(figure: Figure, entries: Sequence[Artist]) -> None:

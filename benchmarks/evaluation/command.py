@@ -10,6 +10,7 @@ from typing import Any
 from benchmarks.cases import GROUPS, all_cases
 from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.results import EvaluationResults
+from benchmarks.household import ALL_OBJECTS
 from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
 from benchmarks.options import (
@@ -25,7 +26,6 @@ from benchmarks.yardstick.exhaustive_search import (
     describe_yardstick,
     measure_yardstick,
 )
-from placement_planner_ros.scenes.objects import ALL_OBJECTS
 
 YARDSTICK_FILE = "yardstick.jsonl"
 _FOLDER = "results/paper"

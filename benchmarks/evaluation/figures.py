@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from benchmarks.cases import OBJECTIVE_WORDS, Case, case_label, in_words
+from benchmarks.drawing.plots import new_figure, png
 from benchmarks.evaluation.comparisons import REFERENCE, Comparison, curve
 from benchmarks.evaluation.resampling import Interval
 from benchmarks.evaluation.results import EvaluationResults
-from placement_planner_ros.pictures.plots import new_figure, png
 
 COLOURS = {
     "optimistic+lo": "#0072b2",

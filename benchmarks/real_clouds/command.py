@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import in_words
+from benchmarks.household import HOUSEHOLD, OBJECT_NAMES
 from benchmarks.jobs import say
 from benchmarks.machine import versions
+from benchmarks.real_clouds.pcd_file import read_pcd
 from benchmarks.real_clouds.runs import RealRun, place_on
 from benchmarks.real_clouds.table import on_table
 from benchmarks.record import warm_process
 from benchmarks.text_table import TextTable
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES
-from placement_planner_ros.scenes.pcd_file import read_pcd
 
 
 def add_clouds_command(commands: Any) -> None:

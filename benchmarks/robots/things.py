@@ -86,7 +86,7 @@ def table_of(
             parts.append(standing_box(name, tuple(size), (x, y), yaw, top, _THING))
         else:
             half = float(size[0]) / 2.0
-            parts.append(frustum(name, half, half, top, top + float(size[2]), _THING, (x, y)))
+            parts.append(frustum(name, (half, half), (top, top + float(size[2])), _THING, (x, y)))
     return Scene("table", volume, tuple(parts))
 
 

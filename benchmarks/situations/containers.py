@@ -198,7 +198,7 @@ def _toy_table(
     centre = some_place(rng)
     solids = (
         standing_box("board", (long, wide, _TOP), centre, 0.0, 0.0, DARK),
-        frustum("can", radius, radius, _TOP, _TOP + height, THING, centre),
+        frustum("can", (radius, radius), (_TOP, _TOP + height), THING, centre),
     )
     volume = slab_around(centre, (long / 2, wide / 2), _TOP)
     return kind.sized(height=height, wide=wide).drawn(volume, solids, centre, _TOP)
@@ -208,7 +208,7 @@ def tray_over_can(rng: Rng) -> Situation:
     """Margins off, 27 mm are left beside the can, on which the tray does not stand on its end."""
     centre, radius = some_place(rng), rng.uniform(0.0465, 0.0475)
     board = rng.uniform(0.1575, 0.159), rng.uniform(0.1175, 0.119)
-    can = frustum("can", radius, radius, _TOP, _TOP + rng.uniform(0.016, 0.020), THING, centre)
+    can = frustum("can", (radius, radius), (_TOP, _TOP + rng.uniform(0.016, 0.020)), THING, centre)
     solids = (standing_box("board", (*board, _TOP), centre, 0.0, 0.0, DARK), can)
     why = "upside down it would stand over the can; held by its wall the hand is then below"
     kind = _hollow_kind("tray_over_can", "tray", why, TRAY_UPSIDE_DOWN)

@@ -155,7 +155,7 @@ def _on_can(kind: SituationKind, radii: Limits, heights: Limits | float, rng: Rn
     radius = rng.uniform(*radii)
     height = heights if isinstance(heights, float) else rng.uniform(*heights)
     centre = some_place(rng)
-    solid = frustum("can", radius, radius, 0.0, height, THING, centre)
+    solid = frustum("can", (radius, radius), (0.0, height), THING, centre)
     top = SupportTop(centre, (radius, radius), height)
     return _on_top(kind.sized(width=2 * radius), top, [solid])
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.household import object_by_name
 from benchmarks.jobs import Entry, run_jobs, say
 from benchmarks.json_lines import ROOT, read_lines
 from benchmarks.machine import versions
@@ -25,7 +26,6 @@ from placement_planner_ros.ros.run.preparation import make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes
 from placement_planner_ros.ros.run.surroundings import Surroundings
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import PACKAGE, share_path
 
 RUNS_FILE = "runs.jsonl"

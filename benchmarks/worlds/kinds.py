@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.household import OBJECT_NAMES, object_by_name
 from benchmarks.worlds.world import (
     AROUND,
     BESIDES,
@@ -24,7 +25,6 @@ from benchmarks.worlds.world import (
     yumi_at,
     yumi_urdf,
 )
-from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive, box, frustum
 from placement_planner_ros.scenes.scenes import Scene
 
@@ -178,7 +178,7 @@ def _thing_beside(
             middle = at + (rng.uniform(*_ROD_GAPS_M) + radius) * outward
             if top < 0.02:
                 continue
-            made = frustum("extra", radius, radius, 0.0, float(top), GREY, middle[:2], 12)
+            made = frustum("extra", (radius, radius), (0.0, float(top)), GREY, middle[:2], 12)
         else:
             half = rng.uniform(0.005, 0.03, 3)
             middle = at + (rng.uniform(*_LINK_GAPS_M) + half.max()) * outward

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.model import Robot
@@ -26,7 +27,6 @@ from placement_planner_ros.scenes.clouds import (
     camera_clouds,
     complete_cloud,
 )
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import (
     Colour,
     ConvexPrimitive,
@@ -130,7 +130,7 @@ def some_scene(rng: np.random.Generator, name: str) -> Scene:
             continue
         taken.append((x, y, radius))
         if rng.random() < 0.5:
-            parts.append(frustum(f"can_{number}", radius, radius, 0.0, height, GREY, (x, y)))
+            parts.append(frustum(f"can_{number}", (radius, radius), (0.0, height), GREY, (x, y)))
         else:
             sides = (1.3 * radius, rng.uniform(0.5, 1.4) * radius, height)
             turn = rng.uniform(-np.pi, np.pi)

@@ -12,33 +12,32 @@ import os
 import signal
 import sys
 import threading
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from placement_planner_ros.client import PlacementClient
-from placement_planner_ros.demo.errors import DemoError
-from placement_planner_ros.demo.node_process import NodeProcess, node_arguments
-from placement_planner_ros.demo.results import (
-    require_folder,
-    require_physics,
-    write_results,
+from placement_planner_ros.demo.processes import (
+    DemoError,
+    node_arguments,
+    node_running,
+    page_served,
 )
+from placement_planner_ros.demo.results import leg_of, require_folder, write_pictures
 from placement_planner_ros.demo.search import search, wait_until_ready
-from placement_planner_ros.demo.setting import TOUR, Setting, bundled, of_file
-from placement_planner_ros.demo.view_process import page_served, wait_until_interrupted
+from placement_planner_ros.demo.setting import Setting, bundled, of_file
+from placement_planner_ros.demo.tour import THINGS, Tour
+from placement_planner_ros.pictures.stage import Leg
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
-from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import ALL_OBJECTS
+from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
 _INTERRUPTED = 130
@@ -60,16 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         line.end()
         print("placement_demo: interrupted; the node is stopped", file=sys.stderr, flush=True)
         return _INTERRUPTED
-    except Exception:  # whatever it is, with all there is to say
-        line.end()
-        traceback.print_exc()
-        print(
-            "placement_demo: this should not happen; please report it with the lines above and "
-            f"{options.output / 'node.log'}",
-            file=sys.stderr,
-            flush=True,
-        )
-        return 1
     finally:
         rclpy.try_shutdown()
     return 0
@@ -87,8 +76,8 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--tour",
         action="store_true",
-        help="put four objects down one after the other, carried out by physics: each is confirmed "
-        "from where it really stands, and the next is put into the hand at the start; wants mujoco",
+        help="put four objects down one after the other: each is confirmed, and the robot is at "
+        "its start again with the next in hand",
     )
     parser.add_argument(
         "--params-file",
@@ -97,7 +86,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="parameters of your own: another robot with its object, at a table of things "
         "(config/robots has some), or another object for the bundled robot, at --scene",
     )
-    parser.add_argument("--object", choices=ALL_OBJECTS, help="wine_glass; --tour has its own")
+    parser.add_argument("--object", choices=OBJECT_NAMES, help="wine_glass; --tour has its own")
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument(
         "--seconds",
@@ -121,7 +110,7 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--tour has objects of its own: leave out --params-file and --object")
     usual = ("table", "wine_glass", 20.0)
     if options.tour:
-        usual = ("cabinet_low_clutter", TOUR[0], 5.0)
+        usual = ("cabinet_low_clutter", THINGS[0], 5.0)
     for name, value in zip(("scene", "object", "seconds"), usual, strict=True):
         if getattr(options, name) is None:
             setattr(options, name, value)
@@ -130,8 +119,6 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     require_folder(options.output)
-    if options.tour:
-        require_physics()
     line.show("  reading robot and object")
     chosen = options.params_file
     setting = (
@@ -139,14 +126,12 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     )
     own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
     arguments = node_arguments(setting.file, own)
-    namespace = f"/placement_demo_{os.getpid()}"
+    namespace, log = f"/placement_demo_{os.getpid()}", options.output / "node.log"
     _begin_ros(namespace)
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
-    log = options.output / "node.log"
-    carry_through = _place_several if options.tour else _place_one
     with ExitStack() as running:
-        node = running.enter_context(NodeProcess(namespace, arguments, log))
+        require_node = running.enter_context(node_running(namespace, arguments, log))
         publishing = running.enter_context(published(setting))
         address = ""
         if options.view:
@@ -154,58 +139,46 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             line.say(f"look at it in a browser: {address}")
 
         def check() -> None:
-            node.require_alive()
+            require_node()
             if not publishing.thread.is_alive():
                 raise DemoError("the scene is published no more", "the lines above say why")
 
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
             line.say("the node gets ready; the first time after installation that takes a while")
             wait_until_ready(planner, check, line)
-            draw = carry_through(options, setting, planner, publishing.node, check, line)
+            if options.tour:
+                legs = _tour(Tour(planner, publishing.node, options.seconds, check, line), setting)
+                title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
+            else:
+                best = search(planner, options.seconds, check, line)[-1]
+                legs, names = [leg_of("the object", setting, best)], ("placement.png", "motion.gif")
+                title = f"{setting.title}: {options.objective} {best.objective:.4f}"
         if not address:
             running.close()
-        written = draw()
+        still, moving = (options.output / name for name in names)
+        written = write_pictures(still, moving, setting, legs, title, line)
         print("look at:")
         for path, words in [*written, (log, "what the node said")]:
             print(f"  {path}   {words}")
         if address:
             print(f"the page is there until Ctrl-C: {address}", flush=True)
-            wait_until_interrupted()
+            with suppress(KeyboardInterrupt):
+                signal.pause()
 
 
-def _place_one(
-    options: argparse.Namespace,
-    setting: Setting,
-    planner: PlacementClient,
-    scene: Node,
-    check: Callable[[], None],
-    line: ProgressLine,
-) -> Callable[[], list[tuple[Path, str]]]:
-    """One placement; what draws it."""
-    found = search(planner, options.seconds, check, line)
-    return lambda: write_results(options.output, setting, found, options.objective, line)
-
-
-def _place_several(
-    options: argparse.Namespace,
-    setting: Setting,
-    planner: PlacementClient,
-    scene: Node,
-    check: Callable[[], None],
-    line: ProgressLine,
-) -> Callable[[], list[tuple[Path, str]]]:
-    """Several, carried out; what draws them."""
-    # Imported only where it is asked for, as mujoco need not be installed.
-    from placement_planner_ros.demo.tour import Tour
-    from placement_planner_ros.demo.tour_results import write_tour
-
-    assert isinstance(scene, ScenePublisher)
-    name = f"{scene.get_namespace()}/placement_planner"
-    tour = Tour(setting, planner, name, scene, options.seconds, check, line)
-    for number, thing in enumerate(TOUR, 1):
-        line.say(f"{number} of {len(TOUR)}: the robot is back at its start with {thing} in hand")
-        line.say(f"  {tour.put_down(thing).words}")
-    return lambda: write_tour(options.output, tour, line)
+def _tour(tour: Tour, setting: Setting) -> list[Leg]:
+    """Each thing put down."""
+    legs, told = [], []
+    for number, name in enumerate(THINGS, 1):
+        tour.line.say(f"{number} of {len(THINGS)}: the robot is at its start with {name} in hand")
+        found = tour.put_down(name)
+        legs.append(leg_of(name.replace("_", " "), bundled(setting.scene.name, name), found[-1]))
+        told.append(
+            f"  {name:18}  {found[-1].arm} arm, first after {found[0].search_time:.2f} s, "
+            f"this after {found[-1].search_time:.2f} s, objective {found[-1].objective:.4f}"
+        )
+    tour.line.say("\n".join(told))
+    return legs
 
 
 def _begin_ros(namespace: str) -> None:
@@ -218,7 +191,7 @@ def _begin_ros(namespace: str) -> None:
     arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"]
     try:
         begin_ros(arguments)
-    except Exception as error:  # rclpy's own kinds, none of which is public
+    except RuntimeError as error:  # of which rclpy's own are kinds
         raise DemoError(
             f"ROS does not start: {error}",
             "unset RMW_IMPLEMENTATION and ROS_DOMAIN_ID, or give values that fit this installation",
@@ -227,7 +200,7 @@ def _begin_ros(namespace: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Publishing:
-    node: Node
+    node: Any
     thread: threading.Thread
 
 

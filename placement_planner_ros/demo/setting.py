@@ -8,21 +8,29 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Header
 
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.demo.errors import DemoError
-from placement_planner_ros.demo.things_publisher import ThingsPublisher
+from placement_planner_ros.demo.processes import DemoError
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.timers import every
 from placement_planner_ros.ros.tools.findings import Findings
 from placement_planner_ros.ros.tools.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check import read_snapshot
-from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
+from placement_planner_ros.ros.tools.scene_publisher import (
+    JOINT_STATE_RATE,
+    RELIABLE,
+    ScenePublisher,
+    joint_state_at_rest,
+)
+from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.scenes import Scene, scene_by_name
-from placement_planner_ros.scenes.table_of_things import table_of_things
+from placement_planner_ros.scenes.scenes import Scene, scene_by_name, table_of_things
 from placement_planner_ros.scenes.yumi import (
     START_CONFIGURATION,
     load_yumi,
@@ -30,13 +38,6 @@ from placement_planner_ros.scenes.yumi import (
     yumi_arm,
 )
 from placement_planner_ros.share import share_path
-
-TOUR = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")
-"""What a tour puts down, one after the other."""
-_TABLE_TOP = (0.17, -0.40, -0.05, 0.66, 0.40, 0.02)
-"""Corners, m: on the bundled table and on nothing that stands there, which is higher."""
-_FROM_EDGES = 0.08
-"""m that an object keeps from the table's edges."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,7 @@ class Setting:
         scene: with V as the node is told.
         publisher: makes the node that publishes the scene and the robot's joint states.
         q_start: (nq,) where the robot stands.
-        arm: by name.
+        arms: by name.
         vertices, triangles: (n, 3) and (t, 3) of the object.
         file: of parameters, for the node.
         parameters: for the node, besides.
@@ -59,7 +60,7 @@ class Setting:
     publisher: Callable[[], Node]
     robot: Robot
     q_start: Array
-    arm: Callable[[str], Arm]
+    arms: Mapping[str, Arm]
     vertices: Array
     triangles: npt.NDArray[np.int64]
     file: Path
@@ -87,7 +88,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
         publisher,
         robot,
         robot.configuration(start_configuration(object_name)),
-        lambda name: yumi_arm(robot, name, held.grasps[name]),
+        {name: yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()},
         held.vertices,
         held.triangles,
         share_path("config", f"{object_name}.yaml"),
@@ -98,8 +99,8 @@ def bundled(scene_name: str, object_name: str) -> Setting:
 def _told_parameters(scene: Scene) -> dict[str, object]:
     """What the node is told of a bundled scene."""
     told: dict[str, object] = {"support_region": "largest"}  # not on top of other things
-    if scene.name == "table":
-        return told | {"edge_margin": _FROM_EDGES, "target_volume": list(_TABLE_TOP)}
+    if scene.name == "table":  # on the table alone, of which other things are higher; 8 cm inside
+        return told | {"edge_margin": 0.08, "target_volume": [0.17, -0.4, -0.05, 0.66, 0.4, 0.02]}
     return told | {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
 
 
@@ -125,20 +126,43 @@ def of_file(file: Path, scene_name: str) -> Setting:
     if subject is None:
         faults = "; ".join(findings.faults)
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
-    body = subject.body
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
-    arms = {arm.name: arm for arm in subject.arms}
-    hull = trimesh.convex.convex_hull(body.vertices)
     return Setting(
         f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
         shown,
         lambda: ThingsPublisher(shown, subject),
         subject.robot,
         subject.q_start,
-        arms.__getitem__,
-        np.asarray(hull.vertices),
-        np.asarray(hull.faces, dtype=np.int64),
+        {arm.name: arm for arm in subject.arms},
+        subject.body.vertices,
+        subject.body.triangles,
         file,
         parameters,
     )
+
+
+class ThingsPublisher(Node):
+    """The scene's surface on `points`, in the planning frame, and the start as joint states."""
+
+    def __init__(self, scene: Scene, subject: Snapshot) -> None:
+        super().__init__("placement_scene")
+        robot = subject.robot
+        self._positions = {
+            name: float(value)
+            for name, value in zip(robot.joint_names, subject.q_start, strict=True)
+            if name not in robot.mimics
+        }
+        self._clouds = self.create_publisher(PointCloud2, "points", RELIABLE)
+        self._cloud = message_from_points(complete_cloud(scene), Header(frame_id=robot.root_link))
+        self._joint_states = self.create_publisher(JointState, "joint_states", 10)
+        every(self, 0.5, self._publish_cloud)
+        every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
+
+    def _publish_cloud(self) -> None:
+        self._cloud.header.stamp = self.get_clock().now().to_msg()
+        self._clouds.publish(self._cloud)
+
+    def _publish_joint_states(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._joint_states.publish(joint_state_at_rest(self._positions, stamp))

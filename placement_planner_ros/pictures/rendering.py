@@ -47,6 +47,12 @@ def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
     return result
 
 
+def unit_direction(azimuth: float, elevation: float) -> Array:
+    """(3,) towards an eye there, angles in rad."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Viewpoint:
     """A perspective camera.
@@ -66,26 +72,21 @@ class Viewpoint:
 
     @classmethod
     def around(
-        cls,
-        points: Array,
-        azimuth: float,
-        elevation: float,
-        width: int,
-        height: int,
-        field_of_view: float = 0.5,
+        cls, points: Array, towards: tuple[float, float], size: npt.ArrayLike, opening: float = 0.5
     ) -> Viewpoint:
-        """A view of all of `points` (n, 3) from a direction; angles in radians."""
-        toward = np.array(
-            [
-                np.cos(azimuth) * np.cos(elevation),
-                np.sin(azimuth) * np.cos(elevation),
-                np.sin(elevation),
-            ]
-        )
+        """A view of all of `points` (n, 3).
+
+        Args:
+            towards: azimuth and elevation of the eye, rad.
+            size: width and height, pixels.
+            opening: rad that the view is wide.
+        """
+        width, height = np.asarray(size, dtype=int).tolist()
+        toward = unit_direction(*towards)
         right = np.cross(-toward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         rotation = np.vstack([right, np.cross(-toward, right), -toward])
-        half = np.tan(field_of_view / 2) * np.array([1.0, height / width])
+        half = np.tan(opening / 2) * np.array([1.0, height / width])
         flat = points @ rotation.T
         centre = (flat.min(axis=0) + flat.max(axis=0)) / 2
         for _ in range(20):  # the middle of what is seen moves as the eye draws back
@@ -173,25 +174,25 @@ def _fill_triangles(
     height, width = depth.shape
     for t in range(len(triangles)):
         a, b, c = projected[triangles[t, 0]], projected[triangles[t, 1]], projected[triangles[t, 2]]
-        if min(a[2], b[2], c[2]) <= 1e-6:
-            continue
+        # twice the signed area: nothing is seen of a triangle from its edge, or behind the eye
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if abs(area) < 1e-12:
+        if min(a[2], b[2], c[2]) <= 1e-6 or abs(area) < 1e-12:
             continue
-        for v in range(
-            max(0, int(np.floor(min(a[1], b[1], c[1])))),
-            min(height, int(np.ceil(max(a[1], b[1], c[1]))) + 1),
-        ):
-            for u in range(
-                max(0, int(np.floor(min(a[0], b[0], c[0])))),
-                min(width, int(np.ceil(max(a[0], b[0], c[0]))) + 1),
-            ):
+        # the pixels of its bounding box
+        first_u = max(0, int(np.floor(min(a[0], b[0], c[0]))))
+        last_u = min(width - 1, int(np.ceil(max(a[0], b[0], c[0]))))
+        first_v = max(0, int(np.floor(min(a[1], b[1], c[1]))))
+        last_v = min(height - 1, int(np.ceil(max(a[1], b[1], c[1]))))
+        for v in range(first_v, last_v + 1):
+            for u in range(first_u, last_u + 1):
+                # barycentric weights: one is negative where the pixel's middle is outside
                 x, y = u + 0.5, v + 0.5
                 wa = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
                 wb = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
                 wc = 1.0 - wa - wb
                 if wa < 0.0 or wb < 0.0 or wc < 0.0:
                     continue
+                # the inverse of depth is linear in the picture; the nearest surface stays
                 z = 1.0 / (wa / a[2] + wb / b[2] + wc / c[2])
                 if z < depth[v, u]:
                     depth[v, u] = z

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array
@@ -19,6 +18,8 @@ _OUTWARD = 1e-5
 """Metres a surface point is moved outwards to see whether another solid is pressed against it."""
 _STRICT = 1e-7
 """Metres below a surface from which on a point counts as inside."""
+_NEAREST_M = 1e-3
+"""From the eye, at which a camera begins to see."""
 
 
 def complete_cloud(
@@ -207,32 +208,15 @@ def _camera_cloud(
     noise: CameraNoise,
     rng: np.random.Generator,
 ) -> CameraCloud:
-    T_camera_world = camera.T_world_camera.inverse()
     f, cx, cy = camera.focal_length, (camera.width - 1) / 2, (camera.height - 1) / 2
-    normals = [part.normals @ T_camera_world.rotation.T for part in parts]
-    offsets = [
-        part.offsets + n @ T_camera_world.translation
-        for part, n in zip(parts, normals, strict=True)
-    ]
-    first = np.concatenate([[0], np.cumsum([len(n) for n in normals])]).astype(np.int64)
-    windows = np.empty((len(parts), 4), dtype=np.int64)
-    size = np.array([camera.width, camera.height])
-    for row, part in enumerate(parts):
-        seen = part.vertices @ T_camera_world.rotation.T + T_camera_world.translation
-        if (seen[:, 2] < 1e-3).any():
-            windows[row] = 0, camera.width, 0, camera.height
-            continue
-        pixels = seen[:, :2] / seen[:, 2:] * f + (cx, cy)
-        low = np.clip(np.floor(pixels.min(axis=0)), 0, size)
-        high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
-        windows[row] = low[0], high[0], low[1], high[1]
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
     depth = np.full((camera.height, camera.width), np.inf)
-    _cast_rays(np.vstack(normals), np.concatenate(offsets), first, windows, f, cx, cy, depth)
+    for part in parts:
+        _cast_rays(part, camera, rays, depth)
 
     seen_depth = _with_flying_pixels(depth, noise, rng)
     seen_depth[~np.isfinite(seen_depth)] = np.nan
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
     error = rng.normal(0.0, noise.range_deviation, depth.shape) if noise.range_deviation else 0.0
     scaled = seen_depth + error / np.linalg.norm(rays, axis=-1)
     if noise.stray_share:
@@ -241,6 +225,33 @@ def _camera_cloud(
     if noise.depth_step:  # depths are 1 / disparity, whose steps are equal
         scaled = 1.0 / (np.round(1.0 / scaled / noise.depth_step) * noise.depth_step)
     return CameraCloud(camera, (rays * scaled[..., None]).astype(np.float32))
+
+
+def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: Array) -> None:
+    """Lower `depth` (height, width) to where each pixel's ray (height, width, 3) enters a solid."""
+    T_camera_world = camera.T_world_camera.inverse()
+    window = _window(part.vertices @ T_camera_world.rotation.T + T_camera_world.translation, camera)
+    normals = part.normals @ T_camera_world.rotation.T
+    offsets = part.offsets + normals @ T_camera_world.translation
+    along = rays[window] @ normals.T + 0.0  # no negative zeros
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossed = offsets / along
+    # a ray is inside from the last plane that it enters through to the first that it leaves by
+    enter = np.where(along < 0.0, crossed, _NEAREST_M).max(axis=-1)
+    leave = np.where(along < 0.0, np.inf, crossed).min(axis=-1)
+    seen = (enter < leave) & (enter < depth[window])
+    depth[window][seen] = enter[seen]
+
+
+def _window(corners: Array, camera: DepthCamera) -> tuple[slice, slice]:
+    """Rows and columns in which a solid with such corners (n, 3), in the camera frame, can be."""
+    size = np.array([camera.width, camera.height])
+    if (corners[:, 2] < _NEAREST_M).any():
+        return slice(0, camera.height), slice(0, camera.width)
+    pixels = corners[:, :2] / corners[:, 2:] * camera.focal_length + (size - 1) / 2
+    low = np.clip(np.floor(pixels.min(axis=0)), 0, size).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size).astype(int)
+    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generator) -> Array:
@@ -254,40 +265,3 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
         flying = edge & (rng.random(depth.shape) < noise.flying_share)
         result[flying] += rng.random(int(flying.sum())) * step[flying]
     return result
-
-
-@njit(cache=True, nogil=True)
-def _cast_rays(
-    normals: Array,
-    offsets: Array,
-    first: npt.NDArray[np.int64],
-    windows: npt.NDArray[np.int64],
-    f: float,
-    cx: float,
-    cy: float,
-    depth: Array,
-) -> None:
-    """Smallest depth at which each pixel's ray enters a solid, into `depth` (height, width).
-
-    Solid k is `normals[i] @ x <= offsets[i]` for i in first[k] … first[k + 1] − 1, in the camera
-    frame; only pixels of its window (u from, u to, v from, v to) can see it.
-    """
-    for k in range(len(windows)):
-        for v in range(windows[k, 2], windows[k, 3]):
-            dy = (v - cy) / f
-            for u in range(windows[k, 0], windows[k, 1]):
-                dx = (u - cx) / f
-                enter = 1e-3
-                leave = depth[v, u]
-                for i in range(first[k], first[k + 1]):
-                    along = normals[i, 0] * dx + normals[i, 1] * dy + normals[i, 2]
-                    if along < 0.0:
-                        enter = max(enter, offsets[i] / along)
-                    elif along > 0.0:
-                        leave = min(leave, offsets[i] / along)
-                    elif offsets[i] < 0.0:
-                        leave = -1.0
-                    if enter >= leave:
-                        break
-                if enter < leave:
-                    depth[v, u] = enter

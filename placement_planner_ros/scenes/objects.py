@@ -1,36 +1,99 @@
-"""The bundled objects, and how the YuMi's hands hold them.
+"""The paper's four objects, made of convex solids, and how the YuMi's hands hold them.
 
-The paper's four are made of convex solids. The two of them that are not convex are there a second
-time, as a single closed surface each.
-
-The household's are what the paper has not: hollow, bent, put together of overlapping parts.
+A grasp is `T_tip_object`, the object's pose in the gripper base frame: the palm ends at
+z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close along x.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array, frozen_array
-from placement_planner_ros.scenes import household
-from placement_planner_ros.scenes.grasped_object import (
-    PALM,
-    STEM,
-    GraspedObject,
-    assemble,
-    grasp,
-    surfaces_of,
-    tilted,
-)
-from placement_planner_ros.scenes.primitives import Colour, box, frustum
-from placement_planner_ros.scenes.single_mesh import joined_boxes, turned
+from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, frustum
+
+PALM = 0.098
+"""m, depth in the tip frame at which a held object begins: 4 mm in front of the palm."""
+STEM = 0.126
+"""m, depth at which the fingers hold a stem or leg across: in the front half of the pads."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspedObject:
+    """An object and its grasps.
+
+    Attributes:
+        name: as on the command line.
+        vertices: (n, 3) metres, in the object frame.
+        triangles: (t, 3) indices, outward; every connected component is closed.
+        center_of_mass: (3,) in the object frame.
+        grasps: per arm, the poses T_tip_object in which its hand can hold the object.
+        finger_opening: value of each finger joint at which the fingers touch the object, metres;
+            the same for all grasps.
+        parts: convex solids whose union it is.
+    """
+
+    name: str
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+    center_of_mass: Array
+    grasps: Mapping[str, tuple[pin.SE3, ...]]
+    finger_opening: float
+    parts: tuple[ConvexPrimitive, ...]
+
+
+def grasp(
+    closing: Sequence[float], approach: Sequence[float], point: Sequence[float], depth: float
+) -> pin.SE3:
+    """T_tip_object of a hand that closes along `closing` and points along `approach`.
+
+    Args:
+        closing, approach: directions of the tip frame's x and z, in the object frame.
+        point: a point of the object on the hand's axis.
+        depth: its z in the tip frame, metres.
+    """
+    x, z = (np.array(v, dtype=np.float64) / np.linalg.norm(v) for v in (closing, approach))
+    rotation = np.column_stack([x, np.cross(z, x), z])
+    return pin.SE3(rotation, np.array(point, dtype=np.float64) - depth * z).inverse()
+
+
+def tilted(degrees: float) -> tuple[float, float, float]:
+    """Direction +x, turned down by an angle."""
+    angle = np.deg2rad(degrees)
+    return float(np.cos(angle)), 0.0, -float(np.sin(angle))
+
+
+def of_solids(
+    name: str,
+    parts: Sequence[ConvexPrimitive],
+    grasps: Sequence[pin.SE3],
+    finger_opening: float,
+    center_of_mass: npt.ArrayLike,
+) -> GraspedObject:
+    """An object of solids that touch each other, which both hands hold alike."""
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    triangles = np.vstack([part.triangles + k for part, k in zip(parts, first, strict=False)])
+    triangles.setflags(write=False)
+    return GraspedObject(
+        name=name,
+        vertices=frozen_array(np.vstack([part.vertices for part in parts])),
+        triangles=triangles,
+        center_of_mass=frozen_array(center_of_mass, (3,)),
+        grasps={"left": tuple(grasps), "right": tuple(grasps)},
+        finger_opening=finger_opening,
+        parts=tuple(parts),
+    )
+
 
 _GREEN: Colour = (0.35, 0.75, 0.35)
-_GLASS = (  # height, radius
+GLASS_SECTIONS = ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top")
+GLASS_OUTLINE = (  # height, radius
     (0.000, 0.0285),
     (0.003, 0.0285),
     (0.012, 0.0040),
@@ -39,7 +102,6 @@ _GLASS = (  # height, radius
     (0.145, 0.0285),
 )
 """Outline of the wine glass, metres."""
-_GLASS_SIDES = 32
 
 
 def _large_crayons_box() -> GraspedObject:
@@ -51,7 +113,7 @@ def _large_crayons_box() -> GraspedObject:
         grasp((0, 0, 1), (1, 1, 0), (-x, -y, 0), PALM),
     )
     parts = (box("large_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return assemble("large_crayons_box", surfaces_of(parts), parts, grasps, z, (0, 0, 0))
+    return of_solids("large_crayons_box", parts, grasps, z, (0, 0, 0))
 
 
 def _small_crayons_box() -> GraspedObject:
@@ -63,7 +125,7 @@ def _small_crayons_box() -> GraspedObject:
         grasp((0, 1, 0), (1, 0, -1), (-x, 0, z), PALM),
     )
     parts = (box("small_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return assemble("small_crayons_box", surfaces_of(parts), parts, grasps, y, (0, 0, 0))
+    return of_solids("small_crayons_box", parts, grasps, y, (0, 0, 0))
 
 
 def _wine_glass() -> GraspedObject:
@@ -72,21 +134,16 @@ def _wine_glass() -> GraspedObject:
     Being round, it can be turned about its axis by the placement; the grasps differ in height
     and in how far the hand points down (or, for standing on the rim, up).
     """
-    parts = tuple(
-        frustum(f"wine_glass/{name}", r0, r1, z0, z1, _GREEN, sides=_GLASS_SIDES)
-        for name, (z0, r0), (z1, r1) in zip(
-            ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top"),
-            _GLASS,
-            _GLASS[1:],
-            strict=False,
-        )
-    )
+    parts = [
+        frustum(f"wine_glass/{name}", (below[1], above[1]), (below[0], above[0]), _GREEN, sides=32)
+        for name, (below, above) in zip(GLASS_SECTIONS, pairwise(GLASS_OUTLINE), strict=True)
+    ]
     grasps = (
         grasp((0, 1, 0), tilted(0), (0, 0, 0.052), STEM),
         grasp((0, 1, 0), tilted(30), (0, 0, 0.034), STEM),
         grasp((0, 1, 0), tilted(-30), (0, 0, 0.060), STEM),
     )
-    return assemble("wine_glass", surfaces_of(parts), parts, grasps, 0.004, (0, 0, 0.050))
+    return of_solids("wine_glass", parts, grasps, 0.004, (0, 0, 0.050))
 
 
 def _toy_table() -> GraspedObject:
@@ -107,28 +164,7 @@ def _toy_table() -> GraspedObject:
         grasp((0, 0, 1), (1, 0, 0), (-0.055, 0, middle), PALM),
         grasp((1, 0, 0), (0, 0, 1), (0.048, 0.027, 0), PALM),
     )
-    return assemble("toy_table", surfaces_of(parts), parts, grasps, plate / 2, (0, 0, 0.044))
-
-
-def _wine_glass_mesh() -> GraspedObject:
-    """The wine glass as one surface."""
-    glass = _wine_glass()
-    return _in_one(glass, "wine_glass_mesh", *turned(_GLASS, _GLASS_SIDES))
-
-
-def _toy_table_mesh() -> GraspedObject:
-    """The toy table as one surface."""
-    table = _toy_table()
-    boxes = [(part.vertices.min(axis=0), part.vertices.max(axis=0)) for part in table.parts]
-    return _in_one(table, "toy_table_mesh", *joined_boxes(boxes))
-
-
-def _in_one(
-    thing: GraspedObject, name: str, vertices: Array, triangles: npt.NDArray[np.int64]
-) -> GraspedObject:
-    """The same thing with the surface of its union for its mesh."""
-    triangles.setflags(write=False)
-    return replace(thing, name=name, vertices=frozen_array(vertices), triangles=triangles)
+    return of_solids("toy_table", parts, grasps, plate / 2, (0, 0, 0.044))
 
 
 _OBJECTS: dict[str, Callable[[], GraspedObject]] = {
@@ -137,29 +173,7 @@ _OBJECTS: dict[str, Callable[[], GraspedObject]] = {
     "wine_glass": _wine_glass,
     "toy_table": _toy_table,
 }
-_IN_ONE: dict[str, Callable[[], GraspedObject]] = {
-    "wine_glass_mesh": _wine_glass_mesh,
-    "toy_table_mesh": _toy_table_mesh,
-}
-_HOUSEHOLD: dict[str, Callable[[], GraspedObject]] = {
-    "mug": household.mug,
-    "bowl": household.bowl,
-    "tray": household.tray,
-    "bin": household.bin_,
-    "drill": household.drill,
-    "banana": household.banana,
-}
-
 OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
-"""The paper's."""
-
-SINGLE_MESHES: tuple[str, ...] = tuple(_IN_ONE)
-"""Those of them that are not convex, as one surface."""
-
-HOUSEHOLD: tuple[str, ...] = tuple(_HOUSEHOLD)
-"""Things that the paper does not have: hollow, bent, put together of overlapping parts."""
-
-ALL_OBJECTS: tuple[str, ...] = OBJECT_NAMES + SINGLE_MESHES + HOUSEHOLD
 
 
 def object_by_name(name: str) -> GraspedObject:
@@ -168,7 +182,6 @@ def object_by_name(name: str) -> GraspedObject:
     Raises:
         ParameterError: no such object; the message lists those there are.
     """
-    known = _OBJECTS | _IN_ONE | _HOUSEHOLD
-    if name not in known:
-        raise ParameterError("object", name, f"choose one of {', '.join(known)}")
-    return known[name]()
+    if name not in _OBJECTS:
+        raise ParameterError("object", name, f"choose one of {', '.join(OBJECT_NAMES)}")
+    return _OBJECTS[name]()

@@ -130,36 +130,40 @@ def circle(radius: float, z: float, sides: int, centre: Sequence[float] = (0.0, 
 
 def frustum(
     name: str,
-    radius_bottom: float,
-    radius_top: float,
-    bottom: float,
-    top: float,
+    radii: tuple[float, float],
+    heights: tuple[float, float],
     colour: Colour,
     centre: Sequence[float] = (0.0, 0.0),
     sides: int = 48,
 ) -> ConvexPrimitive:
-    """Upright frustum (a cylinder where the radii are equal) about the axis through `centre`."""
-    rings = [circle(radius_bottom, bottom, sides, centre), circle(radius_top, top, sides, centre)]
+    """Upright frustum (a cylinder where the radii are equal) about the axis through `centre`.
+
+    Args:
+        radii, heights: m, below and above.
+    """
+    rings = [circle(r, z, sides, centre) for r, z in zip(radii, heights, strict=True)]
     return ConvexPrimitive(name, np.vstack(rings), colour)
 
 
 def bowl(
     name: str,
-    diameter: float,
-    height: float,
+    size: tuple[float, float],
     centre: Sequence[float],
-    bottom: float,
     colour: Colour,
     wall: float = 0.004,
-    sides: int = 24,
 ) -> tuple[ConvexPrimitive, ...]:
-    """Round bowl open above: a floor disk and a ring of convex wall segments, `wall` thick."""
-    outer, inner = diameter / 2, diameter / 2 - wall
-    pieces = [frustum(f"{name}/floor", outer, outer, bottom, bottom + wall, colour, centre, sides)]
-    low, high = bottom + wall, bottom + height
+    """Round bowl open above: a floor disk and a ring of 24 convex wall segments.
+
+    Args:
+        size: diameter and height, m.
+        centre: (3,) of its underside.
+        wall: m, thickness.
+    """
+    outer, inner, sides = size[0] / 2, size[0] / 2 - wall, 24
+    bottom, low, high = centre[2], centre[2] + wall, centre[2] + size[1]
+    pieces = [frustum(f"{name}/floor", (outer, outer), (bottom, low), colour, centre, sides)]
     rings = [circle(r, z, sides, centre) for r in (inner, outer) for z in (low, high)]
     for i in range(sides):
-        j = (i + 1) % sides
-        corners = np.array([ring[k] for ring in rings for k in (i, j)])
+        corners = np.array([ring[k] for ring in rings for k in (i, (i + 1) % sides)])
         pieces.append(ConvexPrimitive(f"{name}/wall_{i}", corners, colour))
     return tuple(pieces)

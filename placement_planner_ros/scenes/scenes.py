@@ -1,4 +1,5 @@
-"""The three bundled scenes: a cabinet with little and with much clutter, and a full table.
+"""The bundled scenes: a cabinet with little and with much clutter, a full table; one for
+any robot.
 
 World = the YuMi's body frame: x forward, y left, z up, metres. All sizes follow the paper's
 experiments.
@@ -25,12 +26,25 @@ from placement_planner_ros.scenes.primitives import (
 
 _WOOD: Colour = (0.80, 0.68, 0.50)
 _SHELF: Colour = (0.72, 0.58, 0.40)
-_BAR: Colour = (0.55, 0.33, 0.22)
-_TIN: Colour = (0.55, 0.60, 0.68)
-_BOTTLE: Colour = (0.30, 0.55, 0.42)
-_BOX: Colour = (0.82, 0.62, 0.25)
-_BOWL: Colour = (0.86, 0.86, 0.90)
-_CAN: Colour = (0.75, 0.30, 0.30)
+_GREEN: Colour = (0.30, 0.55, 0.42)
+_OCHRE: Colour = (0.82, 0.62, 0.25)
+_RED: Colour = (0.75, 0.30, 0.30)
+
+_BOXES: dict[str, tuple[tuple[float, float, float], Colour]] = {
+    "bar": ((0.202, 0.036, 0.033), (0.55, 0.33, 0.22)),
+    "thick_bar": ((0.202, 0.036, 0.034), (0.55, 0.33, 0.22)),
+    "tin": ((0.102, 0.057, 0.084), (0.55, 0.60, 0.68)),
+    "box": ((0.217, 0.072, 0.167), _OCHRE),
+    "flat_bottle": ((0.096, 0.059, 0.191), _GREEN),
+    "small_box": ((0.094, 0.048, 0.176), _OCHRE),
+}
+"""Length, width and height in metres."""
+_CANS: dict[str, tuple[float, float, Colour]] = {
+    "bottle": (0.068, 0.227, _GREEN),
+    "can": (0.068, 0.102, _RED),
+    "low_can": (0.085, 0.034, _RED),
+}
+"""Diameter and height in metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,50 +86,41 @@ def _cabinet_parts() -> tuple[ConvexPrimitive, ...]:
 
 
 _DECK, _LOWER_SHELF, _TABLE = 0.176, 0.263, 0.0
-
-
-_BOXES: dict[str, tuple[tuple[float, float, float], Colour]] = {
-    "bar": ((0.202, 0.036, 0.033), _BAR),
-    "tin": ((0.102, 0.057, 0.084), _TIN),
-    "box": ((0.217, 0.072, 0.167), _BOX),
-    "flat_bottle": ((0.096, 0.059, 0.191), _BOTTLE),
-    "small_box": ((0.094, 0.048, 0.176), _BOX),
-}
-"""Length, width and height in metres."""
-
-
-def _standing_box(name: str, x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
-    size, colour = _BOXES[name]
-    return standing_box(name, size, (x, y), np.deg2rad(degrees), z, colour)
-
-
-def _round_thing(
-    name: str, diameter: float, height: float, x: float, y: float, z: float, colour: Colour
-) -> ConvexPrimitive:
-    return frustum(name, diameter / 2, diameter / 2, z, z + height, colour, (x, y))
-
-
 CABINET_VOLUME = _target_volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
 """Target volume in both cabinets."""
 
 
+def _thing(name: str, at: tuple[float, float, float], degrees: float = 0.0) -> ConvexPrimitive:
+    """A box or can that stands there (3,), turned about the vertical."""
+    if name in _BOXES:
+        size, colour = _BOXES[name]
+        return standing_box(name, size, at[:2], np.deg2rad(degrees), at[2], colour)
+    diameter, height, colour = _CANS[name]
+    radius = diameter / 2
+    return frustum(name, (radius, radius), (at[2], at[2] + height), colour, at[:2])
+
+
+def _bowl(x: float, y: float, z: float) -> tuple[ConvexPrimitive, ...]:
+    return bowl("bowl", (0.160, 0.055), (x, y, z), (0.86, 0.86, 0.90))
+
+
 def _cabinet_low_clutter() -> Scene:
     clutter = (
-        _standing_box("bar", 0.588, -0.369, 3, _DECK),
-        _standing_box("tin", 0.560, 0.223, -1, _LOWER_SHELF),
-        _round_thing("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
+        _thing("bar", (0.588, -0.369, _DECK), 3),
+        _thing("tin", (0.560, 0.223, _LOWER_SHELF), -1),
+        _thing("bottle", (0.507, -0.177, _DECK)),
     )
     return Scene("cabinet_low_clutter", CABINET_VOLUME, _cabinet_parts() + clutter)
 
 
 def _cabinet_high_clutter() -> Scene:
     clutter = (
-        _standing_box("box", 0.630, -0.332, -1, _DECK),
-        *bowl("bowl", 0.160, 0.055, (0.677, -0.078), _DECK, _BOWL),
-        _standing_box("flat_bottle", 0.499, -0.162, 170, _DECK),
-        _round_thing("can", 0.068, 0.102, 0.454, 0.269, _DECK, _CAN),
-        _round_thing("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
-        _standing_box("bar", 0.488, 0.023, 134, _DECK),
+        _thing("box", (0.630, -0.332, _DECK), -1),
+        *_bowl(0.677, -0.078, _DECK),
+        _thing("flat_bottle", (0.499, -0.162, _DECK), 170),
+        _thing("can", (0.454, 0.269, _DECK)),
+        _thing("low_can", (0.549, 0.197, _LOWER_SHELF)),
+        _thing("bar", (0.488, 0.023, _DECK), 134),
     )
     return Scene("cabinet_high_clutter", CABINET_VOLUME, _cabinet_parts() + clutter)
 
@@ -123,17 +128,37 @@ def _cabinet_high_clutter() -> Scene:
 def _table_scene() -> Scene:
     parts = (
         box("table", (0.139, -0.426, -0.500), (0.695, 0.474, 0.0), _WOOD),
-        standing_box("bar", (0.202, 0.036, 0.034), (0.321, -0.330), np.deg2rad(2), _TABLE, _BAR),
-        _standing_box("tin", 0.467, 0.223, -1, _TABLE),
-        _round_thing("bottle", 0.068, 0.227, 0.507, -0.167, _TABLE, _BOTTLE),
-        _standing_box("box", 0.300, -0.082, 142, _TABLE),
-        *bowl("bowl", 0.160, 0.055, (0.475, 0.072), _TABLE, _BOWL),
-        _standing_box("flat_bottle", 0.591, -0.305, 170, _TABLE),
-        _round_thing("can", 0.068, 0.102, 0.440, 0.343, _TABLE, _CAN),
-        _round_thing("low_can", 0.085, 0.034, 0.599, 0.272, _TABLE, _CAN),
-        _standing_box("small_box", 0.267, 0.252, 102, _TABLE),
+        _thing("thick_bar", (0.321, -0.330, _TABLE), 2),
+        _thing("tin", (0.467, 0.223, _TABLE), -1),
+        _thing("bottle", (0.507, -0.167, _TABLE)),
+        _thing("box", (0.300, -0.082, _TABLE), 142),
+        *_bowl(0.475, 0.072, _TABLE),
+        _thing("flat_bottle", (0.591, -0.305, _TABLE), 170),
+        _thing("can", (0.440, 0.343, _TABLE)),
+        _thing("low_can", (0.599, 0.272, _TABLE)),
+        _thing("small_box", (0.267, 0.252, _TABLE), 102),
     )
     return Scene("table", _target_volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
+
+
+def table_of_things(volume: TargetVolume) -> Scene:
+    """A table whose top is 3 cm above the bottom of V, with seven things on it."""
+    lower, upper = volume.lower, volume.upper
+    top = float(lower[2]) + 0.03
+    things = []
+    for name, along, across, degrees in (
+        ("bottle", 0.12, 0.15, 0.0),
+        ("flat_bottle", 0.85, 0.14, 25.0),
+        ("can", 0.55, 0.30, 0.0),
+        ("tin", 0.15, 0.85, -15.0),
+        ("low_can", 0.88, 0.55, 0.0),
+        ("bar", 0.50, 0.92, 5.0),
+        ("small_box", 0.85, 0.86, 60.0),
+    ):
+        x, y = (lower[:2] + (along, across) * (upper - lower)[:2]).tolist()
+        things.append(_thing(name, (x, y, top), degrees))
+    table = box("table", (*(lower[:2] - 0.03), top - 0.04), (*(upper[:2] + 0.03), top), _WOOD)
+    return Scene("table_of_things", volume, (table, *things))
 
 
 _SCENES: dict[str, Callable[[], Scene]] = {

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.objects import GraspedObject, object_by_name
 from placement_planner_ros.share import PACKAGE, share_path
 
 TIP_FRAMES: Mapping[str, str] = MappingProxyType(
@@ -53,14 +53,15 @@ START_CONFIGURATION = _joint_values(
 """Where the paper's experiments start. Joint name -> rad or m."""
 
 
-def start_configuration(object_name: str, arm: str | None = None) -> dict[str, float]:
+def start_configuration(held: str | GraspedObject, arm: str | None = None) -> dict[str, float]:
     """q_0 of the experiments with the fingers closed on the object, in one hand or in both.
 
     Args:
+        held: the object, or the name of a bundled one.
         arm: the arm that holds the object; None leaves it open and closes both hands on it.
     """
     positions = dict(START_CONFIGURATION)
-    opening = object_by_name(object_name).finger_opening
+    opening = (object_by_name(held) if isinstance(held, str) else held).finger_opening
     for name, joint in GRIPPER_JOINTS.items():
         if arm in (None, name):
             positions[joint] = opening

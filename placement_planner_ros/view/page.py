@@ -14,7 +14,6 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
-from placement_planner_ros.pictures.viewpoint import best_direction, unit_direction
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
@@ -22,7 +21,7 @@ from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import FIELD_OF_VIEW, Stage
-from placement_planner_ros.view.thinning import moved_points, thinned_cloud
+from placement_planner_ros.view.thinning import thinned_cloud
 from placement_planner_ros.view.world import Itself, World, pose_of
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
@@ -31,6 +30,8 @@ and between looks whether anybody has opened the page."""
 _MOVED = 1e-4
 """rad or m by which a joint must have moved for the robot to be drawn anew, or V for the camera to
 look from elsewhere: as it is published V differs in its last digits from the parameter."""
+_ASIDE, _ELEVATION = np.deg2rad([30.0, 50.0])
+"""rad: azimuth of the camera's first place from the robot's front, and its elevation."""
 CURVE_PERIOD = 0.5
 """Seconds after which the curve of a run that goes on is drawn longer."""
 MOST_CELLS = 100_000
@@ -269,35 +270,23 @@ class Page:
         return numbers[: len(numbers) // 6 * 6].reshape(-1, 2, 3)
 
     def _look(self) -> None:
-        """Choose the camera's first place where robot and V are others."""
+        """Choose the camera's first place where robot and V are others: across V from the robot."""
         robot, volume = self._world.robot, self._volume
-        known = len(self._listener.clouds)
         if robot is None or len(volume) == 0 or not self._listener.positions:
             return
         rounded = tuple(np.round(volume.ravel() / _MOVED).astype(int).tolist())
-        if not self._is_new("camera", (Itself(robot), rounded, known)):
+        if not self._is_new("camera", (Itself(robot), rounded)):
             return
-        poses, none = self._poses, np.zeros((0, 3))
-        on_robot = [
-            moved_points(shape.vertices[:: max(1, len(shape.vertices) // 60)], poses[shape.link])
-            for shape in robot.shapes
-            if shape.link in poses
-        ]
-        clouds = [self._world.in_planning_frame(cloud, poses)[0]
-                  for cloud in self._listener.clouds.values()]  # fmt: skip
-        around = [points[::10] for points in clouds if points is not None]
-        lower, upper = volume[:, 0].min(axis=0), volume[:, 1].max(axis=0)
-        matter = lower + np.random.default_rng(0).random((60, 3)) * (upper - lower)
-        held = np.array([T.translation for T in self._holding(poses)]).reshape(-1, 3)
-        shown = np.vstack([matter, lower, upper, held])
+        held = np.array([T.translation for T in self._holding(self._poses)]).reshape(-1, 3)
+        shown = np.vstack([volume.reshape(-1, 3), held])
         middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
         # 0.6 m at least, and 1.3 times as far as the ball around all just fits
         radius = 0.5 * float(np.linalg.norm(np.ptp(shown, axis=0)))
         distance = max(1.3 * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
-        hiders = np.vstack([none, *on_robot, *around])
-        base = np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3)
-        direction = unit_direction(*best_direction(matter, hiders, base, distance))
-        self._stage.look_from(middle + distance * direction, middle)
+        root = self._poses.get(robot.root, pin.SE3.Identity()).translation
+        azimuth = np.arctan2(*(middle - root)[1::-1]) + _ASIDE
+        flat = np.cos(_ELEVATION) * np.array([np.cos(azimuth), np.sin(azimuth)])
+        self._stage.look_from(middle + distance * np.array([*flat, np.sin(_ELEVATION)]), middle)
 
     # --- what is said
 

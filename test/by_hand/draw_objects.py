@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from by_hand.settle_objects import Thing, things
 
+from benchmarks.drawing.plots import new_figure, png
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.body.settings import BodySettings
-from placement_planner_ros.pictures.plots import new_figure, png
 from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 
-_WIDTH, _HEIGHT = 210, 180
+_SIZE = (210, 180)
 _COLUMNS, _ROWS = 8, 8
 _GREEN, _AMBER = (0.35, 0.70, 0.40), (0.90, 0.68, 0.30)
 _RED, _GREY = (0.85, 0.10, 0.10), (0.90, 0.90, 0.90)
@@ -64,7 +64,7 @@ def _cover_words(body: Body) -> str:
 
 def _covered(body: Body) -> np.ndarray:
     """The mesh in grey through its convex sets, each in a colour of its own."""
-    view = Viewpoint.around(body.vertices, -1.0, 0.6, _WIDTH, _HEIGHT)
+    view = Viewpoint.around(body.vertices, (-1.0, 0.6), _SIZE)
     meshes = [Mesh(body.vertices, body.triangles, _GREY)]
     for number, part in enumerate(body.parts):
         colour = colorsys.hsv_to_rgb(0.618 * number % 1.0, 0.75, 0.9)
@@ -82,7 +82,7 @@ def _picture(body: Body, face: PlacementFace) -> np.ndarray:
     size = float(np.ptp(vertices, axis=0).max())
     angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     disc = 0.75 * size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(48)])
-    view = Viewpoint.around(np.vstack([vertices, 0.8 * disc]), -1.0, 0.35, _WIDTH, _HEIGHT)
+    view = Viewpoint.around(np.vstack([vertices, 0.8 * disc]), (-1.0, 0.35), _SIZE)
     meshes = [
         Mesh(disc - [0.0, 0.0, 0.004 * size], _fan(len(disc)), _GREY),
         Mesh(patch - [0.0, 0.0, 0.001 * size], _fan(len(patch)), _RED),

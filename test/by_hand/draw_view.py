@@ -21,12 +21,12 @@ from helpers.browser import Browser
 
 from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.demo.command import published
-from placement_planner_ros.demo.node_process import (
-    NodeProcess,
+from placement_planner_ros.demo.processes import (
     node_arguments,
+    node_running,
+    page_served,
 )
 from placement_planner_ros.demo.setting import bundled
-from placement_planner_ros.demo.view_process import page_served
 from placement_planner_ros.ros.process import begin_ros
 
 SECONDS = 8.0
@@ -63,7 +63,7 @@ def pictures(scene: str, thing: str, play: bool) -> list[bytes]:
         (logs / "profile").mkdir()
         arguments = node_arguments(setting.file, {**setting.parameters, "seed": 1})
         with (
-            NodeProcess(namespace, arguments, logs / "node.log"),
+            node_running(namespace, arguments, logs / "node.log"),
             published(setting),
             page_served(namespace, logs / "view.log") as address,
         ):

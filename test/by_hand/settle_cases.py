@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from helpers.settle import Settled, settle
 
-from placement_planner_ros.scenes.objects import object_by_name
+from benchmarks.household import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 MOVED, TILTED = 0.005, np.deg2rad(2.0)

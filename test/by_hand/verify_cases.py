@@ -17,12 +17,12 @@ from types import SimpleNamespace
 import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import (
     GRIPPER_JOINTS,
@@ -49,7 +49,7 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
         urdf=urdf.read_text(encoding="utf-8"),
         srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
         package_dirs={PACKAGE: urdf.parent.parent},
-        q_start=start_configuration(case["object"]),
+        q_start=start_configuration(held),
         objective=case["objective"],
         measured=_measured(case["scene"], case["object"]) if case["cloud"] == "complete" else None,
     )
@@ -64,7 +64,7 @@ def _measured(scene_name: str, object_name: str) -> np.ndarray:
     bounds = workspace(
         robot,
         tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
-        robot.configuration(start_configuration(object_name)),
+        robot.configuration(start_configuration(held)),
         Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
         scene_by_name(scene_name).volume,
     )

@@ -19,6 +19,7 @@ from by_hand.verify_cases import read_solution
 from checker import SolutionChecker, Task, Tolerances
 from helpers.settle import settle
 
+from benchmarks.household import object_by_name
 from benchmarks.json_lines import append_line, read_lines
 from benchmarks.situations.catalogue import situation_by_name
 from benchmarks.situations.observing import observe
@@ -33,7 +34,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
@@ -56,7 +56,7 @@ def checker_of(situation, cloud):
         urdf=urdf.read_text(encoding="utf-8"),
         srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
         package_dirs={PACKAGE: urdf.parent.parent},
-        q_start=start_configuration(situation.thing),
+        q_start=start_configuration(held),
         objective=OBJECTIVE if cloud == "complete" else "",
         measured=measured,
         support=situation.support,
@@ -68,7 +68,7 @@ def checker_of(situation, cloud):
 def _obstacles(situation, held):
     robot = _robot()
     arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items())
-    q_start = robot.configuration(start_configuration(situation.thing))
+    q_start = robot.configuration(start_configuration(held))
     body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
     bounds = workspace(robot, arms, q_start, body, situation.scene.volume)
     points = observe(situation, "complete", np.random.default_rng(0)).points

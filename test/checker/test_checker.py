@@ -23,6 +23,7 @@ from helpers.right_solution import (
 )
 
 import checker
+from benchmarks.household import object_by_name
 from checker import (
     RobotModel,
     Solution,
@@ -35,7 +36,6 @@ from checker import (
     states_along,
 )
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box, frustum
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
@@ -325,7 +325,7 @@ def test_clearance_is_bounded_where_a_layer_decides() -> None:
 
 
 def test_slices_of_a_cone_enclose_it_closely() -> None:
-    cone = frustum("cone", 0.05, 0.02, 0.0, 0.06, RED)
+    cone = frustum("cone", (0.05, 0.02), (0.0, 0.06), RED)
     slices = checker.upright_prisms(cone.vertices)
     assert len(slices) == 30
     assert slices[0][1] == 0.0
@@ -334,7 +334,7 @@ def test_slices_of_a_cone_enclose_it_closely() -> None:
         widest = 0.05 - 0.5 * low
         assert np.linalg.norm(outline, axis=1).max() == pytest.approx(widest, abs=1e-9)
         assert high - low == pytest.approx(0.002)
-    cylinder = frustum("cylinder", 0.05, 0.05, 0.0, 0.06, RED)
+    cylinder = frustum("cylinder", (0.05, 0.05), (0.0, 0.06), RED)
     assert len(checker.upright_prisms(cylinder.vertices)) == 1
 
 

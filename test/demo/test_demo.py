@@ -15,9 +15,8 @@ from PIL import Image
 
 import placement_planner_ros
 from placement_planner_ros.client import PlacementError
-from placement_planner_ros.demo import command, node_process, search
-from placement_planner_ros.demo.errors import DemoError
-from placement_planner_ros.demo.node_process import NodeProcess, node_arguments
+from placement_planner_ros.demo import command, processes, search
+from placement_planner_ros.demo.processes import DemoError, node_arguments, node_running
 from placement_planner_ros.demo.results import require_folder
 from placement_planner_ros.demo.setting import bundled, of_file
 from placement_planner_ros.progress import ProgressLine
@@ -95,8 +94,7 @@ def test_seconds_count_from_the_first_placement_on(clock, capsys):
     planner = Planner(clock, first_after=50.0)
     found = search.search(planner, 10.0, alive, ProgressLine())
     assert planner.stopped_at == pytest.approx(60.0, abs=1.0)
-    assert [solution.number for solution in found.improvements] == [1]
-    assert found.seconds == planner.stopped_at
+    assert [solution.number for solution in found] == [1]
     said = capsys.readouterr().out
     assert "the first placement came 50.00 s after the start" in said
     assert "objective 0.2500" in said
@@ -114,7 +112,7 @@ def test_nothing_found_says_how_long_and_why(clock):
         DemoError, match=r"(?s)no placement was found in 12\d s.*in 12 samples.*try"
     ):
         search.search(planner, 10.0, alive, ProgressLine())
-    assert planner.stopped_at == pytest.approx(search.FIRST_WITHIN, abs=1.0)
+    assert planner.stopped_at == pytest.approx(search.FIRST_WITHIN_S, abs=1.0)
 
 
 def test_a_refused_start_says_the_nodes_words(clock):
@@ -156,34 +154,37 @@ def test_waiting_says_what_the_node_does(clock, capsys):
 def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):
     with pytest.raises(DemoError, match=r"(?s)no sign of the node.*ROS_DOMAIN_ID"):
         search.wait_until_ready(Waiting(clock, 1e6, None), alive, ProgressLine())
-    assert clock.now < 1000.0 + search.SEEN_WITHIN + 1.0
-
-
-def ended_node(monkeypatch, tmp_path, script):
-    monkeypatch.setattr(node_process, "_node_program", lambda: [sys.executable, "-c", script])
-    with NodeProcess("/x", [], tmp_path / "node.log") as node:
-        while True:
-            node.require_alive()
-            time.sleep(0.05)
+    assert clock.now < 1000.0 + search.SEEN_WITHIN_S + 1.0
 
 
 @pytest.mark.parametrize(
     ("script", "words"),
     [
         ("print('disk gone'); raise SystemExit(3)", r"(?s)with code 3.*disk gone.*node\.log"),
-        ("import os; print('x', flush=True); os.kill(os.getpid(), 9)", r"(?s)SIGKILL.*memory"),
-        ("import os; os.kill(os.getpid(), 11)", r"(?s)SIGSEGV.*empty.*troubleshooting"),
+        ("import os; print('x', flush=True); os.kill(os.getpid(), 9)", r"(?s)code -9.*memory"),
+        ("import os; os.kill(os.getpid(), 11)", r"(?s)code -11.*empty.*troubleshooting"),
     ],
 )
 def test_a_node_that_died_is_named_with_its_last_words(monkeypatch, tmp_path, script, words):
+    monkeypatch.setattr(processes, "_node_program", lambda: [sys.executable, "-c", script])
     with pytest.raises(DemoError, match=words):
-        ended_node(monkeypatch, tmp_path, script)
+        watched_until_it_ends(tmp_path / "node.log")
+
+
+def watched_until_it_ends(log):
+    with node_running("/x", [], log) as require_alive:
+        while True:
+            require_alive()
+            time.sleep(0.05)
 
 
 def test_a_node_that_cannot_be_started_says_how_to_try(monkeypatch, tmp_path):
-    monkeypatch.setattr(node_process, "_node_program", lambda: [str(tmp_path / "nowhere")])
-    with pytest.raises(DemoError, match=r"(?s)cannot be started.*by hand: .*nowhere --ros-args"):
-        NodeProcess("/x", [], tmp_path / "node.log")
+    monkeypatch.setattr(processes, "_node_program", lambda: [str(tmp_path / "nowhere")])
+    with (
+        pytest.raises(DemoError, match=r"(?s)cannot be started.*by hand: .*nowhere --ros-args"),
+        node_running("/x", [], tmp_path / "node.log"),
+    ):
+        raise AssertionError("it runs")
 
 
 def test_a_folder_that_cannot_be_written_is_named_before_anything_else(tmp_path, capsys):
@@ -313,7 +314,7 @@ def test_a_killed_node_is_named(tmp_path):
         os.kill(pid, signal.SIGKILL)
     _, err = process.communicate(timeout=600.0)
     assert process.returncode == 1
-    assert "the node ended by SIGKILL" in err
+    assert "the node ended with code -9" in err
     assert "what to try" in err
 
 

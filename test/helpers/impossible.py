@@ -12,8 +12,8 @@ import numpy as np
 from checker.shapes import convex
 from scipy.spatial import ConvexHull
 
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.scenes.objects import object_by_name
 
 _NEAR = 0.004
 """m in height within which a surface is the one that is meant."""

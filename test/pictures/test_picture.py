@@ -16,7 +16,7 @@ def plate(height: float, colour: tuple, half: float = 0.1, alpha: float = 1.0) -
 
 def from_above(*meshes: Mesh) -> Viewpoint:
     points = np.vstack([mesh.vertices for mesh in meshes])
-    return Viewpoint.around(points, azimuth=-np.pi / 2, elevation=1.5, width=80, height=60)
+    return Viewpoint.around(points, (-np.pi / 2, 1.5), (80, 60))
 
 
 def middle(image: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_everything_fits_into_the_view() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         points = rng.normal(size=(20, 3)) * rng.uniform(0.1, 1, 3)
-        view = Viewpoint.around(points, rng.uniform(-3, 3), rng.uniform(-1.2, 1.2), 300, 200)
+        view = Viewpoint.around(points, (rng.uniform(-3, 3), rng.uniform(-1.2, 1.2)), (300, 200))
         u, v, depth = view.project(points).T
         assert (depth > 0).all()
         assert u.min() >= 0

@@ -152,7 +152,7 @@ def test_flying_pixels_are_few_and_hang_between_surfaces(scene: Scene) -> None:
 def test_what_is_in_view_hides_what_is_behind() -> None:
     scene = block_on_ground()
     camera = DepthCamera.looking_at("camera", (0.0, -0.01, 1.0), (0, 0, 0))
-    plate = frustum("plate", 0.2, 0.2, 0.5, 0.51, GREY)
+    plate = frustum("plate", (0.2, 0.2), (0.5, 0.51), GREY)
     for extra in ((), (plate,)):
         (cloud,) = camera_clouds(
             scene, np.random.default_rng(0), cameras=[camera], extra=extra, noise=EXACT

@@ -9,13 +9,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-import trimesh
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.objects import (
     OBJECT_NAMES,
-    SINGLE_MESHES,
     GraspedObject,
     object_by_name,
 )
@@ -133,23 +131,6 @@ def test_meshes_are_convex_solids_that_touch_but_do_not_overlap(thing: GraspedOb
     centres = [voxels for c in components for voxels in checker.voxel_centres([c], 0.0021)]
     inside = sum(part.depth(np.array(centres)) > 1e-9 for part in thing.parts)
     assert inside.max() == 1
-
-
-@pytest.mark.parametrize("name", SINGLE_MESHES)
-def test_single_meshes_are_the_closed_surface_of_the_same_solids(name: str) -> None:
-    surface, solids = object_by_name(name), object_by_name(name.removesuffix("_mesh"))
-    made = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
-    assert made.is_volume
-    assert made.body_count == 1
-    np.testing.assert_allclose(made.bounds[0], solids.vertices.min(axis=0), atol=1e-12)
-    np.testing.assert_allclose(made.bounds[1], solids.vertices.max(axis=0), atol=1e-12)
-    # the solids only touch each other
-    assert made.volume == pytest.approx(sum(ConvexHull(p.vertices).volume for p in solids.parts))
-    centres = made.triangles_center - 1e-6 * made.face_normals
-    depth = np.max([part.depth(centres) for part in solids.parts], axis=0)
-    assert depth.min() > 0
-    assert np.max([part.depth(centres + 2e-6 * made.face_normals) for part in solids.parts]) < 0
-    assert surface.grasps == solids.grasps
 
 
 def test_fingers_touch_and_the_palm_is_clear(thing: GraspedObject) -> None:

@@ -86,14 +86,14 @@ def test_primitives_have_their_measures() -> None:
     assert len(turned.normals) == 6
     end = np.array([1, 2, 0.51]) + 0.0999 * np.array([np.cos(np.pi / 6), 0.5, 0])
     assert turned.depth(end[None])[0] == pytest.approx(1e-4)
-    can = frustum("can", 0.05, 0.05, 0, 0.1, (1, 0, 0))
+    can = frustum("can", (0.05, 0.05), (0, 0.1), (1, 0, 0))
     area = 24 * 0.05**2 * np.sin(2 * np.pi / 48)
     assert volume_of(can) == pytest.approx(area * 0.1)
     assert len(can.normals) == 50
 
 
 def test_faces_are_polygons_in_order() -> None:
-    can = frustum("can", 0.05, 0.03, 0, 0.1, (1, 0, 0))
+    can = frustum("can", (0.05, 0.03), (0, 0.1), (1, 0, 0))
     for face, normal in enumerate(can.normals):
         corners = can.polygon(face)
         assert len(corners) in (4, 48)
@@ -102,7 +102,7 @@ def test_faces_are_polygons_in_order() -> None:
 
 
 def test_a_bowl_is_open_above_and_closed_around() -> None:
-    parts = bowl("bowl", 0.16, 0.055, (0, 0), 0.0, (1, 1, 1))
+    parts = bowl("bowl", (0.16, 0.055), (0, 0, 0), (1, 1, 1))
 
     def depth(point: tuple[float, float, float]) -> float:
         return max(float(part.depth(np.array([point]))[0]) for part in parts)

@@ -8,7 +8,7 @@ import pytest
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.table_of_things import ABOVE, table_of_things
+from placement_planner_ros.scenes.scenes import table_of_things
 
 VOLUMES = [([0.3, -0.4, 0.0], [0.75, 0.4, 0.45]), ([-1.0, 2.0, 0.7], [-0.6, 2.8, 1.2])]
 
@@ -18,7 +18,7 @@ def test_seven_things_stand_on_a_table_in_the_volume(lower, upper):
     volume = TargetVolume(np.array(lower), np.array(upper))
     scene = table_of_things(volume)
     table, *things = scene.parts
-    top = lower[2] + ABOVE
+    top = lower[2] + 0.03
     assert len(things) == 7
     assert table.vertices[:, 2].max() == pytest.approx(top)
     for thing in things:

@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.__main__ import main
+from benchmarks.real_clouds.pcd_file import read_pcd
 from benchmarks.real_clouds.table import on_table
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.scenes.pcd_file import read_pcd
 
 POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
 POINTS[7] = np.nan

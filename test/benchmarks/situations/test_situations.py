@@ -10,12 +10,12 @@ from checker.shapes import convex
 from helpers.impossible import pose_that_stands
 
 from benchmarks.__main__ import main
+from benchmarks.household import object_by_name
 from benchmarks.json_lines import append_line, read_lines
 from benchmarks.situations.catalogue import all_situations, situation_by_name
 from benchmarks.situations.observing import camera_of, observe, pixels
 from benchmarks.situations.report import situations_report
 from benchmarks.situations.runs import RUNS_FILE, outcome
-from placement_planner_ros.scenes.objects import object_by_name
 
 DRAWN = all_situations(np.random.default_rng(5))
 STANDING = [name for name, situation in DRAWN.items() if situation.pose_exists]

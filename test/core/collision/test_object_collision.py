@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import object as object_collision
 from placement_planner_ros.core.collision.arm import CollisionSettings
@@ -13,7 +14,6 @@ from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 BOUNDS = np.array([[-1.0, -1.0, -1.0], [1.5, 1.0, 1.0]])

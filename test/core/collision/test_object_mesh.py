@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
@@ -14,7 +15,6 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import bowl
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
@@ -27,7 +27,7 @@ WALL, HIGH, OUTER = 0.004, 0.055, 0.06
 
 def bowls():
     """A bowl made of convex solids, and as one surface."""
-    parts = bowl("bowl", 2 * OUTER, HIGH, (0.0, 0.0), 0.0, GREEN, WALL)
+    parts = bowl("bowl", (2 * OUTER, HIGH), (0.0, 0.0, 0.0), GREEN, WALL)
     joined = trimesh.util.concatenate(
         [trimesh.Trimesh(part.vertices, part.triangles, process=False) for part in parts]
     )

@@ -11,8 +11,8 @@ from helpers.problems import problem_of
 from helpers.settle import settle
 
 from benchmarks.cases import Case
+from benchmarks.household import object_by_name
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 CASES = (

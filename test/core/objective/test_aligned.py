@@ -50,7 +50,7 @@ def bin_of(yaw, lid):
 
 SCENES = {
     "bin": bin_of(0.3, 0.11),
-    "tin": (FLOOR, frustum("tin", 0.04, 0.04, 0.0, 0.1, GREY)),
+    "tin": (FLOOR, frustum("tin", (0.04, 0.04), (0.0, 0.1), GREY)),
     "post": (FLOOR, wall("post", (0.03, 0.03, 0.1), (0.0, 0.0), 0.5)),
     "two at equal distance": (
         FLOOR,

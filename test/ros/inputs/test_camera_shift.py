@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.pictures.picture import robot_meshes
+from placement_planner_ros.pictures.shapes import RobotShapes
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.self_filter import Outline, near_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
@@ -19,7 +19,7 @@ EYE = np.array([0.8, -0.9, 0.9])
 def seen(shift, deviation=0.001, links=None):
     """Points on what of the robot faces the eye."""
     found = []
-    for number, mesh in enumerate(robot_meshes(ROBOT, Q, ())):
+    for number, mesh in enumerate(RobotShapes(ROBOT).at(Q)):
         if links is not None and ROBOT.geometry_links[number] not in links:
             continue
         made = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)

@@ -14,7 +14,7 @@ from placement_planner_ros.ros.tools.findings import Findings
 from placement_planner_ros.ros.tools.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check import check_grasps, check_search, read_snapshot
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.table_of_things import table_of_things
+from placement_planner_ros.scenes.scenes import table_of_things
 
 CONFIG = Path(__file__).parents[3] / "config" / "robots"
 ALL = sorted(CONFIG.glob("*.yaml"))

@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError, RobotError
 from placement_planner_ros.joint_curve import JointCurve
-from placement_planner_ros.pictures.viewpoint import best_direction
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
@@ -194,17 +193,3 @@ def test_regions_are_rectangles_of_two_triangles_each():
     a, b, c, d = np.array([(0, 0, 1), (0.1, 0, 1), (0.1, 0.05, 1), (0, 0.05, 1)], float)
     found = region_rectangles(np.array([a, b, c, a, c, d]))
     assert found == pytest.approx(np.array([[a, b, c, d]]))
-
-
-# --- the first view
-
-
-def test_the_eye_is_where_the_robot_does_not_hide_the_volume():
-    rng = np.random.default_rng(0)
-    matter = rng.uniform([0.3, -0.2, 0.0], [0.7, 0.2, 0.2], (60, 3))
-    none = np.zeros((0, 3))
-    azimuth, _ = best_direction(matter, none, np.zeros(3), 1.0)
-    assert abs(azimuth) < np.pi / 2  # facing the robot
-    wall = rng.uniform([0.75, -1.5, 0.0], [0.8, 1.5, 2.0], (20_000, 3))
-    azimuth, _ = best_direction(matter, wall, np.zeros(3), 1.0)
-    assert np.cos(azimuth) < 0.3  # from its sides, or behind it

@@ -1,28 +1,32 @@
-"""Things of a household: hollow, bent, or put together of overlapping parts.
+"""Objects that the paper does not have: things of a household, and the paper's as one surface.
 
-Each is one closed surface, but for the mug, whose handle reaches into its wall, and the drill,
-whose parts reach into each other. `parts` are convex solids made apart from the planner's covers:
-sectors of walls, lengths of tubes.
+Those of a household are hollow, bent, or put together of overlapping parts. Each is one closed
+surface, but for the mug, whose handle reaches into its wall, and the drill, whose parts reach into
+each other. `parts` are convex solids made apart from the planner's covers: sectors of walls,
+lengths of tubes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
-from placement_planner_ros.core.types import Array
-from placement_planner_ros.scenes.grasped_object import (
+from benchmarks.single_mesh import Triangles, joined_boxes, tube, turned
+from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.scenes import objects
+from placement_planner_ros.scenes.objects import (
+    GLASS_OUTLINE,
+    OBJECT_NAMES,
     STEM,
     GraspedObject,
-    assemble,
     grasp,
-    surfaces_of,
     tilted,
 )
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, circle, frustum
-from placement_planner_ros.scenes.single_mesh import Triangles, joined_boxes, tube, turned
 
 _BLUE: Colour = (0.35, 0.50, 0.80)
 _SIDES = 32
@@ -88,7 +92,9 @@ def drill() -> GraspedObject:
         grasp((0, 1, 0), tilted(degrees), (-0.040, 0, height), 0.110)
         for degrees, height in ((0, 0.070), (20, 0.074), (-20, 0.066))
     ]
-    return assemble("drill", surfaces_of(parts), parts, grasps, 0.014)
+    return assemble(
+        "drill", [(part.vertices, part.triangles) for part in parts], parts, grasps, 0.014
+    )
 
 
 def banana() -> GraspedObject:
@@ -137,7 +143,7 @@ def _round_vessel(
     """A round floor of radius `foot` below, and a wall about z from the floor's top to its rim."""
     outer, inner = [level[:2] for level in wall], [level[2:] for level in wall]
     rings = [(0.0, foot), *outer, *inner[::-1]]
-    parts = [frustum(f"{name}/floor", foot, wall[0][1], 0.0, wall[0][0], _BLUE, sides=_SIDES)]
+    parts = [frustum(f"{name}/floor", (foot, wall[0][1]), (0.0, wall[0][0]), _BLUE, sides=_SIDES)]
     for k, (below, above) in enumerate(pairwise(wall)):
         corners = [
             circle(level[i + 1], level[i], _SIDES) for level in (below, above) for i in (0, 2)
@@ -161,6 +167,77 @@ def _lying_cylinder(
     name: str, radius: float, begin: float, end: float, height: float
 ) -> ConvexPrimitive:
     """A cylinder along x."""
-    solid = frustum(name, radius, radius, begin, end, _BLUE, sides=_SIDES)
+    solid = frustum(name, (radius, radius), (begin, end), _BLUE, sides=_SIDES)
     points = solid.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.0, 0.0, height]
     return ConvexPrimitive(name, points, _BLUE)
+
+
+def assemble(
+    name: str,
+    surfaces: Sequence[tuple[Array, Triangles]],
+    parts: Sequence[ConvexPrimitive],
+    grasps: Sequence[pin.SE3],
+    finger_opening: float,
+) -> GraspedObject:
+    """An object of closed surfaces, vertices and triangles each, that both hands hold alike.
+
+    Its centre of mass is that of the surfaces' insides; what overlaps counts twice.
+    """
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+    vertices = np.vstack([each for each, _ in surfaces])
+    triangles = np.vstack([each + k for (_, each), k in zip(surfaces, first, strict=False)])
+    corners = vertices[triangles]
+    volumes = np.linalg.det(corners)
+    center = volumes @ corners.mean(axis=1) * 0.75 / volumes.sum()
+    held = objects.of_solids(name, parts, grasps, finger_opening, center)
+    return _with_surface(held, name, vertices, triangles)
+
+
+def wine_glass_mesh() -> GraspedObject:
+    """The wine glass as one surface."""
+    glass = objects.object_by_name("wine_glass")
+    return _with_surface(glass, "wine_glass_mesh", *turned(GLASS_OUTLINE, _SIDES))
+
+
+def toy_table_mesh() -> GraspedObject:
+    """The toy table as one surface."""
+    table = objects.object_by_name("toy_table")
+    boxes = [(part.vertices.min(axis=0), part.vertices.max(axis=0)) for part in table.parts]
+    return _with_surface(table, "toy_table_mesh", *joined_boxes(boxes))
+
+
+def _with_surface(
+    held: GraspedObject, name: str, vertices: Array, triangles: Triangles
+) -> GraspedObject:
+    """The same with another mesh."""
+    triangles = triangles.astype(np.int64)
+    triangles.setflags(write=False)
+    return replace(held, name=name, vertices=frozen_array(vertices), triangles=triangles)
+
+
+_IN_ONE: dict[str, Callable[[], GraspedObject]] = {
+    "wine_glass_mesh": wine_glass_mesh,
+    "toy_table_mesh": toy_table_mesh,
+}
+_HOUSEHOLD: dict[str, Callable[[], GraspedObject]] = {
+    "mug": mug,
+    "bowl": bowl,
+    "tray": tray,
+    "bin": bin_,
+    "drill": drill,
+    "banana": banana,
+}
+SINGLE_MESHES: tuple[str, ...] = tuple(_IN_ONE)
+"""Those of the paper's that are not convex, as one surface."""
+HOUSEHOLD: tuple[str, ...] = tuple(_HOUSEHOLD)
+ALL_OBJECTS: tuple[str, ...] = OBJECT_NAMES + SINGLE_MESHES + HOUSEHOLD
+
+
+def object_by_name(name: str) -> GraspedObject:
+    """Build an object, the bundled ones among them.
+
+    Raises:
+        ParameterError: no such object.
+    """
+    more = _IN_ONE | _HOUSEHOLD
+    return more[name]() if name in more else objects.object_by_name(name)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.problems import problem_of
+from scipy.spatial import ConvexHull
 
 from benchmarks.cases import GROUPS, Case, all_cases
+from benchmarks.household import HOUSEHOLD, OBJECT_NAMES, SINGLE_MESHES, object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES, object_by_name
 
 
 def surface(thing):
@@ -64,3 +65,20 @@ def test_groups_keep_the_papers_cases_apart():
     assert len(all_cases(objects=GROUPS["household"])) == 36
     names = [name for group in GROUPS.values() for name in group]
     assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("name", SINGLE_MESHES)
+def test_single_meshes_are_the_closed_surface_of_the_same_solids(name: str) -> None:
+    surface, solids = object_by_name(name), object_by_name(name.removesuffix("_mesh"))
+    made = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
+    assert made.is_volume
+    assert made.body_count == 1
+    np.testing.assert_allclose(made.bounds[0], solids.vertices.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(made.bounds[1], solids.vertices.max(axis=0), atol=1e-12)
+    # the solids only touch each other
+    assert made.volume == pytest.approx(sum(ConvexHull(p.vertices).volume for p in solids.parts))
+    centres = made.triangles_center - 1e-6 * made.face_normals
+    depth = np.max([part.depth(centres) for part in solids.parts], axis=0)
+    assert depth.min() > 0
+    assert np.max([part.depth(centres + 2e-6 * made.face_normals) for part in solids.parts]) < 0
+    assert surface.grasps == solids.grasps

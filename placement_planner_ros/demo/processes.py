@@ -1,0 +1,140 @@
+"""The real node and the page as processes of their own, and why they ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+from placement_planner_ros.__main__ import VIEW_REMEDY
+from placement_planner_ros.view.options import PORT
+
+_HOST = "127.0.0.1"
+
+
+class DemoError(Exception):
+    """The demonstration did not get through.
+
+    Args:
+        what: what happened.
+        remedy: what to try.
+    """
+
+    def __init__(self, what: str, remedy: str) -> None:
+        super().__init__(f"{what}\n  what to try: {remedy}")
+
+
+def node_arguments(file: Path, parameters: Mapping[str, object]) -> list[str]:
+    """The node's arguments, without what only the demonstration needs."""
+    given = [f"{name}:={_plain_value(value)}" for name, value in parameters.items()]
+    return ["--params-file", str(file), *(word for each in given for word in ("-p", each))]
+
+
+@contextmanager
+def node_running(namespace: str, arguments: list[str], log: Path) -> Iterator[Callable[[], None]]:
+    """The node, meanwhile; what raises a `DemoError` where it has ended.
+
+    Args:
+        namespace: that it is in.
+        arguments: those of `node_arguments`.
+        log: file that all it says goes to.
+
+    Raises:
+        DemoError: it cannot be started.
+    """
+    command = [*_node_program(), "--ros-args", "-r", f"__ns:={namespace}", *arguments]
+    with _running(command, log) as process:
+        yield lambda: _require_alive(process, log)
+
+
+def _require_alive(process: subprocess.Popen[bytes], log: Path) -> None:
+    code = process.poll()
+    if code is None:
+        return
+    said = log.read_text(errors="replace").splitlines()[-15:] or ["(it is empty)"]
+    remedy = f"read all of {log}; docs/troubleshooting.md is keyed by its messages"
+    if code == -signal.SIGKILL:
+        remedy = "something killed it, mostly for want of memory; end other programs and try again"
+    raise DemoError(
+        "\n    ".join([f"the node ended with code {code}; its log ends:", *said]), remedy
+    )
+
+
+@contextmanager
+def page_served(namespace: str, log: Path) -> Iterator[str]:
+    """The page of the node in that namespace, meanwhile; its address.
+
+    Raises:
+        DemoError: it cannot be served.
+    """
+    if find_spec("viser") is None:
+        raise DemoError("viser is missing, which draws the page", VIEW_REMEDY)
+    port = _free_port()
+    command = [sys.executable, "-m", "placement_planner_ros", "placement_view"]
+    command += ["--host", _HOST, "--port", str(port), "--ros-args", "-r", f"__ns:={namespace}"]
+    with _running(command, log) as process:
+        while not _serves(port):
+            if process.poll() is not None:
+                raise DemoError("the page is not served", f"read {log}, or do without --view")
+            time.sleep(0.1)
+        yield f"http://{_HOST}:{port}"
+
+
+def _serves(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((_HOST, port)) == 0
+
+
+def _free_port() -> int:
+    """The usual one, or any where that is taken."""
+    for port in (PORT, 0):
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((_HOST, port))
+            return int(probe.getsockname()[1])
+    return PORT
+
+
+@contextmanager
+def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that writes all it says to the log, and that Ctrl-C in the terminal spares."""
+    try:
+        with log.open("wb") as stream:
+            process = subprocess.Popen(
+                command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+            )
+    except OSError as error:
+        raise DemoError(
+            f"{command[0]} cannot be started: {error}", f"run it by hand: {shlex.join(command)}"
+        ) from error
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10.0)
+        finally:  # interrupted once more, too: it must not be left running
+            process.kill()
+            process.wait()
+
+
+def _node_program() -> list[str]:
+    beside = Path(sys.executable).parent
+    path = f"{beside}{os.pathsep}{os.environ.get('PATH', '')}"
+    installed = shutil.which("placement_planner", path=path)
+    return [installed] if installed else [sys.executable, "-m", "placement_planner_ros.ros.node"]
+
+
+def _plain_value(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
