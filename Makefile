@@ -7,7 +7,6 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 INSTALL := $(BIN)/python install_with_progress.py $(VENV)/install.log
 SOURCES := $(shell find placement_planner_ros urdf config launch resource -type f -not -name '*.pyc')
 DEMO_SECONDS ?= 20
-REGIONS_OF := table_scene_mug_stereo_textured.pcd
 
 .PHONY: demo test lint site figures install clean
 .DELETE_ON_ERROR:
@@ -31,28 +30,21 @@ site: install
 	@$(BIN)/sphinx-build -q --fail-on-warning --keep-going docs build/site
 	@echo "wrote build/site/index.html"
 
-# Every picture of docs/ anew, which takes hours, most of it the evaluation; what was recorded before
-# under results/ is not run again. Those of the page need Chromium. CLOUDS=folder has the real clouds
-# that docs/situations.md names, and no others; without, their pictures and concept_regions.png's stay.
+# The pictures of docs/ anew, which takes hours, most of it the evaluation; what was recorded before
+# under results/ is not run again. Those of the page need Chromium.
 figures: install
 	$(BIN)/placement_demo --seed 1 --output build/figures
 	cp build/figures/motion.gif build/figures/placement.png docs/images
 	$(BIN)/placement_demo --tour --seed 1 --output build/figures
-	$(BIN)/python -c 'from pathlib import Path; from benchmarks.page import between_marks; \
-	  between_marks(Path("docs/tour.md"), Path("build/figures/tour.md").read_text())'
 	cp build/figures/tour.png build/figures/tour.gif docs/images
 	$(BIN)/python test/by_hand draw_view --output docs/images
-	$(BENCHMARKS) concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
-	$(if $(CLOUDS),$(BENCHMARKS) clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
 	$(BIN)/python test/by_hand draw_objects --output docs/images
-	$(BENCHMARKS) situations --first-seed 1 --picture docs/images/situations.png
 	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
 	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick
 	$(BENCHMARKS) yardstick --processes 2 --output results/quick
 	$(BENCHMARKS) report results/quick
 	cp results/quick/figures/overall.png docs/images/evaluation.png
 	cp results/quick/figures/by_scene.png docs/images/evaluation_scenes.png
-	cp results/quick/figures/differences.png docs/images/evaluation_differences.png
 	$(BENCHMARKS) paper --preset quick --variant optimistic+lo --variant mcts+lo \
 	  --processes 2 --output results/samplers
 	$(BENCHMARKS) report results/samplers --yardstick results/quick/yardstick.jsonl
@@ -79,8 +71,8 @@ $(VENV)/.setuptools: constraints.txt | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dependencies: constraints.txt setup.py pyproject.toml $(VENV)/.setuptools
-	@$(INSTALL) "installing ROS 2 as wheels, the libraries, the page and physics for the tour: 1.3 GB into $(VENV), \
-	which takes a minute or two" $(PIP) install --constraint constraints.txt ".[tour,view]"
+	@$(INSTALL) "installing ROS 2 as wheels, the libraries, and the page: 1.3 GB into $(VENV), \
+	which takes a minute or two" $(PIP) install --constraint constraints.txt ".[ros,view]"
 	@touch $@
 
 # All of the above and more, so that one look at what is there does.

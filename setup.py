@@ -36,14 +36,14 @@ ROS_WHEELS = [
     "ros-rclpy[fastrtps]>=7.1.6,<7.2",
 ]
 
-PICTURES = ["matplotlib>=3.8,<4", "pillow>=10,<14"]
+PICTURES = ["pillow>=10.1,<14"]
 YAML = ["PyYAML>=6,<7"]
 
 ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES, *YAML]
 
 # What `python -m benchmarks` needs in a checkout.
 BENCHMARKS = [
-    *PICTURES,
+    "matplotlib>=3.8,<4",
     "ompl>=2.0,<3",
     "psutil>=5.9,<8",
     *YAML,
@@ -55,19 +55,17 @@ ROBOTS = ["example-robot-data>=6,<7"]
 # The page in the browser.
 VIEW = ["viser>=1.1.1,<2"]
 
-# The demonstration's tour.
-TOUR = [*ROS, "mujoco>=4,<5"]
-
 SITE = ["furo>=2024.8,<2027", "myst-parser>=4,<6", "sphinx>=8,<9"]
 
 TEST = [
-    *TOUR,
+    *ROS,
     *BENCHMARKS,
     *ROBOTS,
     *VIEW,
     *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
+    "mujoco>=4,<5",
     "mypy>=1.10,<3",
     "pytest>=8,<10",
     "pytest-xdist>=3.6,<4",
@@ -123,7 +121,6 @@ setup(
     install_requires=CORE,
     extras_require={
         "ros": ROS,
-        "tour": TOUR,
         "benchmarks": BENCHMARKS,
         "robots": ROBOTS,
         "view": VIEW,

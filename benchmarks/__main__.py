@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from benchmarks.concepts.command import add_concepts_command
 from benchmarks.evaluation.command import add_evaluation_commands
 from benchmarks.real_clouds.command import add_clouds_command
 from benchmarks.robots.command import add_robots_command
@@ -25,7 +24,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_robots_command(commands)
     add_situations_command(commands)
     add_clouds_command(commands)
-    add_concepts_command(commands)
     add_worlds_command(commands)
     parsed = parser.parse_args(arguments)
     try:

@@ -2,8 +2,8 @@
 
     python examples/camera.py scan.ply --frame camera_optical_frame
 
-Files: .pcd, .ply, .xyz, .csv or .npy, points in metres; columns and fields after x, y, z do not
-count. Where the frame is no link of the robot and tf2
+Files: .ply, .xyz, .csv or .npy, points in metres; columns and fields after x, y, z do not count
+(pcl_pcd2ply makes a .ply of a .pcd). Where the frame is no link of the robot and tf2
 does not know it, tell the node where it is: `sensor_frames: [camera_optical_frame]` and
 `sensor_poses.camera_optical_frame: [x, y, z, qx, qy, qz, qw]`.
 """
@@ -24,7 +24,6 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from benchmarks.real_clouds.pcd_file import read_pcd
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 
@@ -41,14 +40,12 @@ def read_points(file: Path) -> npt.NDArray[np.float64]:
         return np.asarray(array.reshape(-1, array.shape[-1])[:, :3], dtype=np.float64)
     if kind == ".csv":
         return np.loadtxt(file, delimiter=",", usecols=(0, 1, 2), ndmin=2)
-    if kind == ".pcd":
-        return read_pcd(file)
     try:
         read = trimesh.load(file)
     except NotImplementedError:  # of the file's kind
         read = None
     if not isinstance(read, trimesh.PointCloud | trimesh.Trimesh):
-        raise ValueError(f"{file} has no points; write it as .pcd, .ply, .xyz, .csv or .npy")
+        raise ValueError(f"{file} has no points; write it as .ply, .xyz, .csv or .npy")
     return np.asarray(read.vertices, dtype=np.float64)
 
 

@@ -227,9 +227,8 @@ def test_every_version_has_a_floor_and_a_ceiling(requirements):
 def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert not [name for name in requirements[""] if name.startswith("ros-")]
     assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
-    extras = ("ros", "benchmarks", "tour", "view")
+    extras = ("ros", "benchmarks", "view")
     assert {name for extra in extras for name in requirements[extra]} <= set(requirements["test"])
-    assert set(requirements["ros"]) <= set(requirements["tour"])
 
 
 MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
@@ -247,7 +246,7 @@ def imported(path):
     return {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {PACKAGE}
 
 
-EXTRAS = {"ros": ["ros"], "client": ["ros"], "pictures": ["ros"], "demo": ["tour"]}
+EXTRAS = {"ros": ["ros"], "client": ["ros"], "pictures": ["ros"], "demo": ["ros"]}
 EXTRAS["view"] = ["ros", "view"]
 
 

@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from benchmarks.cases import OBJECTIVE_WORDS, Case, case_label, in_words
-from benchmarks.drawing.plots import new_figure, png
-from benchmarks.evaluation.comparisons import REFERENCE, Comparison, curve
-from benchmarks.evaluation.resampling import Interval
+from benchmarks.cases import OBJECTIVE_WORDS, Case, in_words
+from benchmarks.evaluation.comparisons import REFERENCE, curve
+from benchmarks.evaluation.plots import new_figure, png
 from benchmarks.evaluation.results import EvaluationResults
 
 COLOURS = {
@@ -67,34 +66,6 @@ def draw_by_scene(results: EvaluationResults) -> bytes:
     return png(figure)
 
 
-def draw_differences(comparisons: Sequence[Comparison], results: EvaluationResults) -> bytes:
-    """Reference minus each other variant, case by case, with 95 % intervals."""
-    labels = [case_label(case) for case in results.cases]
-    figure = new_figure(3.4 + 2.6 * len(comparisons), 1.2 + 0.24 * (len(labels) + 1))
-    panels = figure.subplots(1, len(comparisons), sharex=True, sharey=True, squeeze=False)[0]
-    rows = {case: row for row, case in enumerate(results.cases, start=1)}
-    for axes, comparison in zip(panels, comparisons, strict=True):
-        axes.axvline(0.0, color="black", linewidth=0.8)
-        axes.axhline(0.5, color="black", linewidth=0.5)
-        _draw_interval(axes, 0, comparison.pooled, "black", comparison.pooled.p < 0.05)
-        for difference in comparison.by_case:
-            mean = float(difference.interval.mean)
-            colour = COLOURS[REFERENCE] if mean >= 0.0 else COLOURS["uniform+lo"]
-            significant = difference.adjusted_p < 0.05
-            _draw_interval(axes, rows[difference.case], difference.interval, colour, significant)
-        axes.set_title(f"{REFERENCE} minus {comparison.other}", fontsize=10)
-        axes.set_xlabel("area under the curve")
-        axes.grid(alpha=0.3, axis="x")
-    panels[0].set_yticks(range(len(labels) + 1), ["all cases", *labels], fontsize=8)
-    panels[0].set_ylim(len(labels) + 0.6, -0.6)
-    marks = [
-        Line2D([], [], color="black", marker="o", mfc=colour, linestyle="", label=label)
-        for colour, label in (("black", "differs after Holm, 5 %"), ("white", "does not"))
-    ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return png(figure)
-
-
 def _draw_curves(axes: Axes, results: EvaluationResults, cases: Sequence[Case]) -> None:
     times = np.linspace(0.0, results.horizon, _POINTS)
     for variant in results.variants:
@@ -109,10 +80,3 @@ def _draw_curves(axes: Axes, results: EvaluationResults, cases: Sequence[Case]) 
     axes.set_xlim(0.0, results.horizon)
     axes.set_ylim(0.0, 1.02)
     axes.grid(alpha=0.3)
-
-
-def _draw_interval(axes: Axes, row: float, found: Interval, colour: str, filled: bool) -> None:
-    mean, low, high = float(found.mean), float(found.low), float(found.high)
-    axes.plot([low, high], [row, row], color=colour, linewidth=1.4)
-    face = colour if filled else "white"
-    axes.plot([mean], [row], marker="o", markersize=4.5, color=colour, markerfacecolor=face)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.evaluation.comparisons import REFERENCE, compare
-from benchmarks.evaluation.figures import draw_by_scene, draw_differences, draw_overall
+from benchmarks.evaluation.figures import draw_by_scene, draw_overall
 from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.evaluation.tables import (
     aims_table,
@@ -15,8 +15,6 @@ from benchmarks.evaluation.tables import (
     first_solution_table,
     gap_table,
     level_table,
-    rate_table,
-    rejection_table,
 )
 from benchmarks.text_table import TextTable
 from benchmarks.variants import VARIANTS
@@ -53,10 +51,7 @@ def _evaluation_sections(results: EvaluationResults) -> Iterator[Section]:
     yield "By scene and objective", ("by_scene", draw_by_scene(results)), None
     yield "First placements", None, first_solution_table(results)
     if comparisons:
-        differences = ("differences", draw_differences(comparisons, results))
-        yield "What each part contributes", differences, difference_table(comparisons)
-    yield "Where samples are rejected", None, rejection_table(results)
-    yield "Samples per second", None, rate_table(results)
+        yield "What each part contributes", None, difference_table(comparisons)
     yield "Gap to the best known", None, gap_table(results)
     failures = failure_table(results)
     yield "Runs without a placement", None, failures if failures.rows else None

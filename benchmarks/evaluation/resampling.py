@@ -1,4 +1,4 @@
-"""Bootstrap intervals of means over cases, and Holm's correction for many comparisons."""
+"""Bootstrap intervals of means over cases."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.types import Array
 
 DRAWS = 4000
 
@@ -20,14 +19,11 @@ class Interval:
 
     Attributes:
         mean, low, high: numbers, or arrays where the values were.
-        p: two-sided, of the mean being zero, for numbers; 1 where there is one run of each case,
-            which says nothing about spread (the interval then is the mean alone).
     """
 
     mean: npt.NDArray[np.float64]
     low: npt.NDArray[np.float64]
     high: npt.NDArray[np.float64]
-    p: float
 
 
 def mean_interval(
@@ -57,22 +53,4 @@ def mean_interval(
     means /= len(arrays)
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2], axis=0)
     mean = np.mean([array.mean(axis=0) for array in arrays], axis=0)
-    p = 1.0 if max(map(len, arrays)) == 1 else _p_value(means)
-    return Interval(np.asarray(mean), np.asarray(low), np.asarray(high), p)
-
-
-def _p_value(means: Array) -> float:
-    """Twice the smaller share of draws on one side of zero, no less than the draws can resolve."""
-    draws = len(means)
-    share = min(int((means <= 0).sum()), int((means >= 0).sum())) / means.size
-    return float(min(1.0, max(2.0 * share, 2.0 / (draws + 1))))
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values adjusted so that comparing each with α keeps the family-wise error below α."""
-    p = np.asarray(p_values, dtype=np.float64)
-    order = np.argsort(p, kind="stable")
-    compared = np.arange(len(p), 0, -1)
-    adjusted = np.empty(len(p))
-    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, compared * p[order]))
-    return [float(each) for each in adjusted]
+    return Interval(np.asarray(mean), np.asarray(low), np.asarray(high))

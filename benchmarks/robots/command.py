@@ -143,20 +143,6 @@ def _edges_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
             yield f"edge of 0.5 rad, {word}", shown, "<= 3 x", own <= 3.0 * other
 
 
-def _collision_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
-    for entry in entries:
-        for word, most in (("first", 0.150), ("again", 0.020)):
-            shown = f"{1e3 * entry[word]:.0f} ms"
-            target = f"<= {1e3 * most:.0f} ms"
-            yield f"collision checker of an arm, {word}", shown, target, entry[word] <= most
-
-
-def _samples_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
-    for entry in entries:
-        rate = entry["samples"] / max(entry["seconds"], 1e-9)
-        yield "goal samples", f"{rate:,.0f} /s", ">= 10,000 /s", rate >= 10_000.0
-
-
 def _node_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     for entry in entries:
         for word, most in (("cached", 5.0), ("made", 60.0)):
@@ -185,8 +171,6 @@ def _agreement_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
 _LINES: dict[str, Callable[[Sequence[Entry]], Iterator[RobotLine]]] = {
     "first": _first_lines,
     "edges": _edges_lines,
-    "collision": _collision_lines,
-    "samples": _samples_lines,
     "node": _node_lines,
     "agreement": _agreement_lines,
 }

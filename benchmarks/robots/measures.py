@@ -44,11 +44,9 @@ from benchmarks.robots.things import (
     table_of,
 )
 from benchmarks.situations.observing import Observation
-from benchmarks.speed.searches import sampling_rate
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -60,7 +58,7 @@ from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup.warm_up import warm_up
 
 Entry = dict[str, Any]
-ROWS = ("first", "edges", "collision", "samples", "node", "agreement")
+ROWS = ("first", "edges", "node", "agreement")
 _TESTS = ROOT / "test"
 _SEEDS = 3
 _LIMIT = 10.0
@@ -71,8 +69,6 @@ _EDGES, _EDGE, _BESIDE = 400, 0.5, 0.030
 """Edges, their length in rad, and how near to contact half of them begin, m."""
 _DRAWN = 20_000
 """Configurations from which the free ones are taken."""
-_SAMPLING = 2.0
-_REPEATS = 5
 _RUNS = 10
 _WARM = 300.0
 
@@ -204,30 +200,6 @@ def measure_edges(subject: MeasuredRobot, beside: MeasuredRobot) -> Iterator[Ent
     yield entry
 
 
-def measure_collision(subject: MeasuredRobot) -> Iterator[Entry]:
-    """Seconds of processor time that the collision checker of an arm takes to make."""
-    moving = MovingArm(subject.robot, subject.arms[0], subject.q_start)
-    obstacles = clutter_around(moving, 20, np.random.default_rng(0))
-    box_arrays(obstacles)  # of the environment, like a node's
-    bodies = [Body.from_mesh(*object_of(subject, name)) for name in OBJECTS]
-    seconds = []
-    for k in range(1 + _REPEATS):
-        held = AttachedObject(Body.from_mesh(bodies[k % 2].vertices, bodies[k % 2].triangles), 0)
-        began = time.process_time()
-        ArmCollision(MovingArm(subject.robot, subject.arms[0], subject.q_start), held, obstacles)
-        seconds.append(time.process_time() - began)
-    yield {"row": "collision", "first": seconds[0], "again": float(np.median(seconds[1:]))}
-
-
-def measure_samples(subject: MeasuredRobot) -> Iterator[Entry]:
-    """Goal samples per second of processor time spent on them."""
-    rng = np.random.default_rng(0)
-    scene = table_of(subject.volume, np.random.default_rng(0), boxes_at_start(subject))
-    problem, objective = problem_of(subject, OBJECTS[0], observe(scene, CLOUDS[0], rng))
-    planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
-    yield sampling_rate(planner, _SAMPLING)
-
-
 def measure_node(subject: MeasuredRobot) -> Iterator[Entry]:
     """Seconds from the start of the node's process to `warm`, without and with covers on disk.
 
@@ -306,10 +278,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     beside = read_measured_robot(given.beside, given.packages)
     warm_up(beside.robot, beside.arms, beside.q_start)
     rows = {
-        "collision": measure_collision(subject),
         "edges": measure_edges(subject, beside),
         "first": measure_first(subject),
-        "samples": measure_samples(subject),
         "agreement": measure_agreement(subject, given.configurations),
     }
     for row, entries in rows.items():

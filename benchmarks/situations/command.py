@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,6 @@ def add_situations_command(commands: Any) -> None:
     situations.add_argument("--first-seed", type=int, default=0)
     situations.add_argument("--seconds", type=float, default=5.0, help="processor time of a run")
     situations.add_argument("--enough", type=int, default=1, help="end a run after so many")
-    situations.add_argument("--picture", type=Path, help="draw every situation into this file")
     add_table_options(situations, None)
     add_job_options(situations, "results/situations")
     situations.set_defaults(command_function=run_situations)
@@ -59,12 +57,6 @@ def run_situations(arguments: argparse.Namespace) -> int:
     if arguments.page is not None:
         require_marks(arguments.page)
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    if arguments.picture is not None:
-        from benchmarks.drawing.gallery import draw_situations
-
-        drawn = all_situations(np.random.default_rng(seeds[0]))
-        draw_situations(arguments.picture, list(drawn.values()))
-        say(f"wrote {arguments.picture}")
     path = arguments.output / RUNS_FILE
     if not arguments.report_only:
         jobs = _situation_jobs(arguments, seeds)

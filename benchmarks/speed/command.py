@@ -28,7 +28,7 @@ from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 
 RAW_FILE, TABLE_FILE = "raw.jsonl", "speed.md"
-_RECORDED = ("configurations", "answers", "edges", "ik")
+_RECORDED = ("configurations", "edges")
 """Rows measured on the queries of recorded runs."""
 _BROUGHT = {"first": ("checked",), "node": ("memory",)}
 """Rows that come with others."""
@@ -183,9 +183,7 @@ def _recorded_entries(
     bench = QueryBench(recording, rng)
     for row, measure in (
         ("configurations", bench.configurations),
-        ("answers", bench.answers),
         ("edges", bench.edges),
-        ("ik", bench.kinematics),
     ):
         if row in rows:
             yield measure()

@@ -1,4 +1,4 @@
-"""The questions that the planner asks its checks and its kinematics in a run."""
+"""The questions that the planner asks its collision checks in a run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from unittest import mock
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.collision.arm import ArmCollision
@@ -37,7 +36,6 @@ class RecordingSettings:
     seconds: float = 60.0
     states: int = 4000
     edges: int = 1000
-    poses: int = 600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +45,6 @@ class HeldQueries:
     Attributes:
         states: (n, dof) configurations; contact: (n,) whether the object rests on its support.
         edges: (m, 2, dof) straight joint motions; edge_contact: (m,).
-        poses: of the object, for which configurations were sought.
     """
 
     holding: Holding
@@ -55,7 +52,6 @@ class HeldQueries:
     contact: npt.NDArray[np.bool_]
     edges: Array
     edge_contact: npt.NDArray[np.bool_]
-    poses: tuple[pin.SE3, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +75,6 @@ class _Asked:
 
     states: list[tuple[ArmCollision, Array, bool]] = field(default_factory=list)
     edges: list[tuple[ArmCollision, Array, Array, bool]] = field(default_factory=list)
-    poses: list[tuple[Holding, pin.SE3]] = field(default_factory=list)
     holdings: dict[int, Holding] = field(default_factory=dict)
 
     def state(
@@ -103,10 +98,9 @@ class _Asked:
         if deviation is None:
             self.edges.append((checker, np.array(a), np.array(b), contact))
 
-    def pose(self, holding: Holding, T_world_object: pin.SE3, *_: object, **__: object) -> None:
-        """`Holding.configurations`."""
+    def pose(self, holding: Holding, *_: object, **__: object) -> None:
+        """`Holding.configurations`, which says whose checks these are."""
         self.holdings[id(holding.collision)] = holding
-        self.poses.append((holding, T_world_object))
 
 
 @contextmanager
@@ -146,7 +140,7 @@ def record_queries(case: Case, first_seed: int, settings: RecordingSettings) -> 
     """Run the planner on a case, several times, and keep a random subset of what it asks.
 
     Raises:
-        PlacementPlannerError: the runs asked for no state, edge or pose.
+        PlacementPlannerError: the runs asked for no state or edge.
     """
     problem, objective = make_problem(case, np.random.default_rng(first_seed))
     planner_settings, asked = PlannerSettings(), _Asked()
@@ -161,7 +155,7 @@ def record_queries(case: Case, first_seed: int, settings: RecordingSettings) -> 
         with _noting_calls(asked):
             for _ in planner.run(enough):
                 pass
-    kinds = ("states", "edges", "poses")
+    kinds = ("states", "edges")
     seen = {kind: len(getattr(asked, kind)) for kind in kinds}
     rng = np.random.default_rng(first_seed)
     for kind in kinds:
@@ -195,7 +189,6 @@ def _by_holding(asked: _Asked) -> list[HeldQueries]:
                 np.array([contact for _, contact in states], dtype=np.bool_),
                 np.array([(a, b) for a, b, _ in moves]).reshape(-1, 2, dof),
                 np.array([contact for _, _, contact in moves], dtype=np.bool_),
-                tuple(pose for h, pose in asked.poses if (h.arm.name, h.grasp) == key),
             )
         )
     return held

@@ -132,13 +132,6 @@ def _time_each(entries: Sequence[Entry], key: str, count: float) -> str:
     return f"{1e6 * _sum_of(entries, key) / count:.1f} µs" if count else "none measured"
 
 
-def _by_scene(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
-    scenes: dict[str, list[Entry]] = {}
-    for entry in entries:
-        scenes.setdefault(entry["case"].split("/")[0], []).append(entry)
-    return scenes
-
-
 def _part_times(entries: Sequence[Entry], *names: str) -> str:
     """Median milliseconds of each part."""
     return ", ".join(
@@ -161,18 +154,6 @@ def _configurations_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     return [_over_cases(what, rates, 400_000.0, " /s", detail)]
 
 
-def _answers_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
-    asked = _sum_of(entries, "queries")
-    ratios = [e["exact_seconds"] / e["seconds"] for e in entries]
-    detail = (
-        f"{asked:,.0f} of the same, {_share_of(_sum_of(entries, 'free'), asked)} free, "
-        f"{_count_of(entries, 'disagreements')} answers differ; coal alone "
-        f"{asked / _sum_of(entries, 'exact_seconds'):,.0f} /s"
-    )
-    what = "the same answered to the end, against coal alone"
-    return [_over_cases(what, ratios, 20.0, "x", detail)]
-
-
 def _edges_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     asked, certified = _sum_of(entries, "queries"), _sum_of(entries, "certified")
     missed = _sum_of(entries, "sampled_free") - certified + _sum_of(entries, "refuted")
@@ -184,25 +165,6 @@ def _edges_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     )
     what = "edges certified to the end, against coal every 5 mm"
     return [_over_cases(what, ratios, 30.0, "x", detail)]
-
-
-def _kinematics_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
-    lines = []
-    for name, found, seconds, over in (
-        ("poses that 256 seeds solve", "solvable_found", "solvable_seconds", "exhaustive"),
-        ("all recorded poses", "found", "seconds", "poses"),
-    ):
-        for scene, own in _by_scene(entries).items():
-            spent = _sum_of(own, seconds)
-            rate = _sum_of(own, found) / spent if spent else math.nan
-            what = f"collision-free IK solutions per second, {name}, {scene}"
-            detail = f"{_count_of(own, over)} poses, {_count_of(own, found)} solutions"
-            lines.append(SpeedLine(what, rate, 7000.0, f"{rate:,.0f} /s", ">= 7,000 /s", detail))
-    solvable, missed = _sum_of(entries, "exhaustive"), _sum_of(entries, "missed")
-    share = 1.0 - missed / solvable if solvable else math.nan
-    what = "of the poses that 256 random seeds solve, solved"
-    detail = f"{solvable:.0f} such poses of {_count_of(entries, 'poses')}; {missed:.0f} not solved"
-    return [*lines, SpeedLine(what, share, 0.99, f"{share:.1%}", ">= 99 %", detail)]
 
 
 def _samples_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
@@ -309,9 +271,7 @@ def _memory_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
 
 _LINES: dict[str, Callable[[Sequence[Entry]], list[SpeedLine]]] = {
     "configurations": _configurations_lines,
-    "answers": _answers_lines,
     "edges": _edges_lines,
-    "ik": _kinematics_lines,
     "samples": _samples_lines,
     "clouds": _clouds_lines,
     "first": _first_lines,

@@ -100,7 +100,9 @@ class Stage:
         links = self._robot.at(self._model.configuration(first.at(0.0).positions))
         middle, base = 0.5 * (points.min(axis=0) + points.max(axis=0)), links[0].vertices
         front = np.arctan2(*(middle - base.mean(axis=0))[1::-1])
-        points = np.vstack([points, *(link.vertices for link in links if link.colour == HAND)])
+        held = moved(self.legs[0].vertices, first.at(0.0).T_world_object)
+        hands = [link.vertices for link in links if link.colour == HAND]
+        points = np.vstack([points, held, *hands])
         low, high = points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
         links += self._robot.at(self._model.configuration(last.at(last.duration).positions))
         around = np.vstack([mesh.vertices for mesh in (*links, *parts)])

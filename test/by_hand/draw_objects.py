@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from by_hand.settle_objects import Thing, things
 
-from benchmarks.drawing.plots import new_figure, png
+from benchmarks.evaluation.plots import new_figure, png
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.body.settings import BodySettings

@@ -19,14 +19,12 @@ from benchmarks.cases import Case
 from benchmarks.evaluation.comparisons import (
     compare,
     first_times,
-    rejections,
-    sample_rates,
     solved_in_every_run,
     times_to_pass_baseline,
 )
 from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.relative import Scale, area_under_curve, time_to_reach, values_at
-from benchmarks.evaluation.resampling import holm, mean_interval
+from benchmarks.evaluation.resampling import mean_interval
 from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.jobs import run_jobs
 from benchmarks.json_lines import append_line, read_lines
@@ -117,14 +115,12 @@ def test_bootstrap_of_two_runs_has_the_spread_of_drawing_two_of_two():
     assert (found.mean, found.low, found.high) == (0.5, 0.0, 1.0)
     middle = mean_interval([[0.0, 1.0]], np.random.default_rng(0), level=0.4, draws=20_000)
     assert (middle.low, middle.high) == (0.5, 0.5)
-    assert found.p == pytest.approx(0.5, abs=0.02)
 
 
 def test_bootstrap_counts_cases_alike_and_draws_within_them():
     """The mean of the groups' means, (1 + 5) / 2; no draw mixes the groups."""
     found = mean_interval([[1.0, 1.0, 1.0, 1.0], [5.0, 5.0]], np.random.default_rng(0))
     assert (found.mean, found.low, found.high) == (3.0, 3.0, 3.0)
-    assert found.p < 0.001
     curves = mean_interval([[[0.0, 2.0]], [[2.0, 4.0]]], np.random.default_rng(0))
     np.testing.assert_array_equal(curves.mean, [1.0, 3.0])
 
@@ -135,19 +131,6 @@ def test_bootstrap_interval_covers_like_the_normal_one():
     half = 1.96 * values.std() / math.sqrt(200)
     assert found.low == pytest.approx(values.mean() - half, abs=0.05)
     assert found.high == pytest.approx(values.mean() + half, abs=0.05)
-
-
-def test_one_run_of_a_case_decides_nothing():
-    assert mean_interval([[0.3]], np.random.default_rng(0)).p == 1.0
-    with pytest.raises(ParameterError, match="one value or more"):
-        mean_interval([[]], np.random.default_rng(0))
-
-
-def test_holm_by_hand():
-    """Sorted 0.01, 0.02, 0.03, 0.5 times 4, 3, 2, 1, none below its predecessor."""
-    assert holm([0.03, 0.5, 0.01, 0.02]) == pytest.approx([0.06, 0.5, 0.04, 0.06])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-    assert holm([]) == []
 
 
 def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
@@ -179,34 +162,16 @@ def test_differences_are_paired_by_seed_and_pooled_over_cases():
     0.5 from 1 s: 0.75 - 0.375.
     """
     comparison = compare(some_results(), "uniform+lo")
-    by_case = {d.case: d for d in comparison.by_case}
-    assert float(by_case[TABLE].interval.mean) == pytest.approx(0.5)
-    assert float(by_case[CABINET].interval.mean) == pytest.approx(0.375)
+    assert comparison.by_case == pytest.approx({TABLE: 0.5, CABINET: 0.375})
     assert float(comparison.pooled.mean) == pytest.approx((0.5 + 0.375) / 2)
     assert float(comparison.pooled.low) == pytest.approx((0.25 + 0.375) / 2)
-    assert by_case[CABINET].adjusted_p == 1.0
-    assert by_case[TABLE].adjusted_p < 0.05
-    assert comparison.worse_by(0.02) == []
     assert compare(some_results(), "optimistic") is None
 
 
-def test_a_case_that_is_worse_is_named():
-    runs = [recorded(TABLE, "optimistic+lo", seed, [0.1]) for seed in range(3)]
-    runs += [recorded(TABLE, "uniform", seed, [0.2]) for seed in range(3)]
-    results = EvaluationResults.of(runs, [yardstick(TABLE, 0.4, 0.0)])
-    comparison = compare(results, "uniform")
-    assert float(comparison.pooled.mean) == pytest.approx(-0.1875)
-    assert comparison.worse_by(0.02) == [TABLE]
-    assert comparison.worse_by(0.2) == []
-
-
-def test_times_rates_and_rejections():
+def test_times_to_the_first_and_past_the_baseline():
     results = some_results()
     np.testing.assert_array_equal(first_times(results, "uniform+lo", [TABLE]), [1.0, np.inf])
-    np.testing.assert_allclose(sample_rates(results, "optimistic+lo"), 70 / 3.5)
     np.testing.assert_array_equal(times_to_pass_baseline(results), [2.0, 1.0])
-    shares = rejections(results, "optimistic+lo", results.cases)
-    assert shares == pytest.approx({"unstable": 0.6, "not_better": 0.2, "goals": 0.2})
 
 
 def test_presets_hold_what_they_say():
@@ -323,13 +288,11 @@ def test_the_report_holds_figures_and_tables(tmp_path):
     summary = (tmp_path / "summary.md").read_text()
     assert "nothing was found" in summary
     assert (
-        "| optimistic+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 1 of 2 | 0 of 2 | 0 |"
-        in summary
+        "| optimistic+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 2 of 2 | +0.375," in summary
     )
     assert "| optimistic+lo | 3 of 3 | 1.00 s | 1.00 s | 1.00 s |" in summary
     assert "| uniform+lo | 2 of 3 | 1.00 s | never | never |" in summary
-    assert "| table | optimistic+lo | unstable 60.0%, not better 20.0%, goals 20.0% |" in summary
-    for name in ("overall", "by_scene", "differences"):
+    for name in ("overall", "by_scene"):
         assert f"figures/{name}.png" in summary
         assert (tmp_path / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 

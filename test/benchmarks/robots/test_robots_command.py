@@ -101,10 +101,10 @@ def test_rows_are_measured_and_written(given, tmp_path, capsys):
     file, packages = given
     page, output = tmp_path / "page.md", tmp_path / "out"
     page.write_text("before\n<!-- figures -->\n<!-- end of figures -->\nafter\n")
-    options = ["--output", str(output), "--page", str(page), "--rows", "collision"]
+    options = ["--output", str(output), "--page", str(page), "--rows", "edges"]
     options += ["--packages", str(packages), "--beside", str(file)]
     assert main(["robots", str(file), *options]) == 0
-    assert "| two_arms | collision checker of an arm, again |" in page.read_text()
+    assert "| two_arms | edge of 0.5 rad, certified |" in page.read_text()
     assert page.read_text().startswith("before\n")
     assert page.read_text().endswith("after\n")
     (line,) = (output / RAW_FILE).read_text().splitlines()

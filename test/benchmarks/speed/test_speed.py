@@ -26,7 +26,7 @@ from benchmarks.speed.rows import (
 )
 from benchmarks.speed.searches import measure_sampling
 
-SHORT = RecordingSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
+SHORT = RecordingSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40)
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
 ONE_CASE = ["--scene", CASE.scene, "--object", CASE.object, "--objective", CASE.objective]
 
@@ -140,7 +140,6 @@ def test_recorded_queries_are_those_of_the_run(recording):
     assert recording.seen["states"] > 0
     assert sum(len(queries.states) for queries in recording.held) <= 60
     assert sum(len(queries.edges) for queries in recording.held) <= 40
-    assert sum(len(queries.poses) for queries in recording.held) <= 10
     for queries in recording.held:
         arm = queries.holding.arm
         for rows in (queries.states, queries.edges.reshape(-1, arm.dof)):
@@ -168,22 +167,21 @@ def test_the_sampling_rate_counts_every_sample_of_the_run():
 def test_the_command_on_one_case(tmp_path, capsys):
     small = ["--runs", "1", "--samples", "150"]
     (tmp_path / "raw.jsonl").write_text(
-        json.dumps({"row": MADE_WITH, "rows": ["samples", "ik"]})
+        json.dumps({"row": MADE_WITH, "rows": ["samples", "edges"]})
         + "\n"
         + json.dumps({"row": "samples", "case": "old", "samples": 10, "seconds": 1.0})
         + "\n"
         + json.dumps({"row": "edges", "job": "old", "error": "of an earlier run"})
         + "\n"
     )
-    only = ["--rows", "configurations", "answers", "edges", "ik"]
+    only = ["--rows", "configurations", "edges"]
     assert main(["speed", *only, *ONE_CASE, *small, "--output", str(tmp_path)]) == 0
     entries = [json.loads(text) for text in (tmp_path / "raw.jsonl").read_text().splitlines()]
     rows = {entry["row"] for entry in entries}
-    measured = {"configurations", "answers", "edges", "ik"}
+    measured = {"configurations", "edges"}
     assert rows == {"samples", MADE_WITH} | measured
     assert [set(e["rows"]) for e in entries if e["row"] == MADE_WITH] == [{"samples"}, measured]
     assert not any("error" in entry for entry in entries)
-    assert sum(entry["disagreements"] for entry in entries if entry["row"] == "answers") == 0
     assert sum(entry["refuted"] for entry in entries if entry["row"] == "edges") == 0
     table = (tmp_path / "speed.md").read_text()
     assert "configurations per second" in table

@@ -1,1 +1,0 @@
-"""Figures that explain how the search works, drawn from what it really does."""
