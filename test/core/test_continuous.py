@@ -9,7 +9,7 @@ from helpers.problems import problem_of
 from benchmarks.cases import Case
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.start_state_check import faults_at_start
+from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import yumi_arm
@@ -97,8 +97,8 @@ def test_turns_are_no_fault_at_the_start(problem):
     q = problem.q_start + 2 * np.pi * turns_of(robot, (3, -64, 1))
     assert robot.limit_violations(q) == []
     robot.require_plausible(q, robot.joint_names)
-    settings = PlannerSettings().collision
-    assert faults_at_start(robot, problem.arms, q, problem.body, settings) == ()
+    rules = StartRules(PlannerSettings().collision)
+    assert faults_at_start(robot, problem.arms, q, problem.body, rules) == ()
 
 
 def test_whole_turns_are_no_way_and_are_taken_off(problem):

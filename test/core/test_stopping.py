@@ -8,7 +8,7 @@ import pytest
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.hand_opening import opening_error
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
@@ -87,7 +87,7 @@ def test_every_stage_of_making_a_planner_can_be_given_up():
         "making distances",
         "making the open hand of arm left",
         "making arm left, for the first time with grasp 0",
-        "opening the hand of arm left",
+        "opening the hand",
         "covering yumi_link_7_l",
         "comparing the object with link",
         "looking what of arm left",
@@ -103,8 +103,8 @@ def test_a_hand_that_opens_by_metres_is_given_up_at_once():
     arm = replace(yumi_arm(robot, "left", grasps), gripper_open=(2.0,))
     moving = MovingArm(robot, arm, robot.configuration(START_CONFIGURATION))
     looks = Looks(10)
-    with pytest.raises(StoppedError, match="opening the hand of arm left"), stoppable(looks):
-        check_opening(moving, AttachedObject(body, 0))
+    with pytest.raises(StoppedError, match="opening the hand"), stoppable(looks):
+        opening_error(moving, AttachedObject(body, 0))
     assert looks.count == 11
     turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(2.0,))
     looks = Looks(10)

@@ -31,11 +31,7 @@ from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.edges import OVERFLOW, Edge, EdgeLimits, check_edge
 from placement_planner_ros.core.collision.hand import KeptMargins, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
-from placement_planner_ros.core.collision.object_solids import (
-    depths_in_links,
-    object_in_hand,
-    object_solids,
-)
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
@@ -133,8 +129,6 @@ class ArmCollision:
             on: it keeps the margins from them at contact too. None where there are none.
 
     Raises:
-        GraspError: the held object overlaps a link that it does not move against and that is not
-            one of the arm's touch links.
         RobotError: a link's geometry is of an unknown kind.
     """
 
@@ -186,6 +180,12 @@ class ArmCollision:
     def arrays(self) -> ArmArrays:
         """The arm laid out for kernels; not to be written to."""
         return self._flat.arrays
+
+    @property
+    def hand_links(self) -> frozenset[str]:
+        """Links that the last joint moves."""
+        last = self._dof - 1
+        return frozenset(body.name for body in self._flat.bodies if body.joint == last)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
@@ -468,8 +468,6 @@ def _flat_arm(
             tip_joint = arm_joint(model, joint_ids, model.frames[tip].parentJoint)
             parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
-            still = [link for link in others if link.joint == tip_joint]
-            _check_grasp(robot, q, arm, grasp, body, still)
         # Every link but those that may touch it is to keep off the object.
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
@@ -513,15 +511,3 @@ def _checked_pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
     return tuple(Part(solid.shape, T_world_object) for solid in object_solids(body))
-
-
-def _check_grasp(
-    robot: Robot, q: Array, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
-) -> None:
-    """Raise if the object, held, overlaps links that it does not move against."""
-    still = {link.name for link in links}
-    rows = [i for i, link in enumerate(robot.geometry_links) if link in still]
-    T_object = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
-    depths = depths_in_links(robot, body, rows, robot.geometry_poses(q), T_object)
-    if depths:
-        raise object_in_hand(arm, grasp, depths)

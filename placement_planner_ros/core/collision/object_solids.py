@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import coal
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
@@ -17,12 +15,9 @@ from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import MeshSurface, Overlaps
-from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.robot.overlap import MeshSurface, Overlaps, link_surfaces
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -40,12 +35,6 @@ class ObjectSolid:
     shape: Shape
     geometry: coal.CollisionGeometry
     mesh: CoveredMesh | None = None
-
-    @property
-    def around(self) -> Array | None:
-        """(t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet."""
-        closed = self.mesh is not None and self.mesh.cover.closed
-        return self.triangles if closed else None
 
     @property
     def triangles(self) -> Array | None:
@@ -87,40 +76,7 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
         for each in solids
     ]
     return Overlaps(
-        [*links, *(solid.geometry for solid in solids)], [*(None for _ in links), *surfaces]
-    )
-
-
-def depths_in_links(
-    robot: Robot, body: Body, rows: Sequence[int], places: Sequence[pin.SE3], T_object: pin.SE3
-) -> dict[str, float]:
-    """How deep, metres, the object lies in each link that it overlaps.
-
-    Args:
-        rows: the robot's geometries that are looked at.
-        places: of all of them.
-    """
-    depths: dict[str, float] = {}
-    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    for i in rows:
-        link = robot.geometry_links[i]
-        step(f"comparing the object with link {link}")
-        for j in range(first, len(overlaps.shapes)):
-            depth = overlaps.depth(i, j, places[i], T_object)
-            if depth > 0.0:
-                depths[link] = max(depth, depths.get(link, 0.0))
-    return depths
-
-
-def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:
-    """The object overlaps links that it does not move against, each by so many metres."""
-    links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
-    return GraspError(
-        f"{arm.name}.grasps[{grasp}]",
-        pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist(),
-        f"the object lies in {links}; move the grasp, list "
-        f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
-        "object.scale where the object is not that large",
+        [*links, *(solid.geometry for solid in solids)], [*link_surfaces(robot.covers), *surfaces]
     )
 
 
@@ -138,8 +94,3 @@ def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex
     for triangle in triangles:
         faces.append(coal.Triangle(*(int(i) for i in triangle)))
     return coal.Convex(points, faces)
-
-
-def coal_transform(T: pin.SE3) -> coal.Transform3s:
-    """The same pose for coal."""
-    return coal.Transform3s(T.rotation, T.translation)

@@ -10,11 +10,13 @@ import numpy as np
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError
+from placement_planner_ros.core.grasp.hand_opening import opening_error
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.start_state_check import (
     Fault,
+    StartRules,
     StartState,
     beyond_limits,
     met_environment,
@@ -42,24 +44,21 @@ def usable_holdings(
         GraspError: in every grasp the object overlaps the arm, or the hand could not let it go.
     """
     body, environment = problem.body, problem.environment
-    keep_out = problem.environment.keep_out
+    keep_out = environment.keep_out if len(environment.keep_out) else None
     holdings: list[list[Holding]] = []
     faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
     for arm in problem.arms:
-        of_arm: list[Holding] = []
+        holdings.append([])
         # q_0 must lie within the arm's limits.
-        q_start = problem.q_start[arm.q_index]
         beyond = beyond_limits(arm, problem.q_start)
         if beyond is not None:
             faults.append(Fault(f"{arm.name}: {beyond.words}", beyond.remedies))
-            holdings.append(of_arm)
             continue
         # What every grasp of the arm shares.
         step(f"making the open hand of arm {arm.name}")
-        arm = _within_limits(arm, q_start)
+        arm = _within_limits(arm, problem.q_start[arm.q_index])
         moving = MovingArm(problem.robot, arm, problem.q_start)
-        placed = StartState(moving.robot, moving.q_rest)
         open_hands: dict[int, OpenHand] = {}
         for grasp in range(len(arm.grasps)):
             step(f"making arm {arm.name} with grasp {grasp}")
@@ -67,31 +66,48 @@ def usable_holdings(
             obstacles, aside = environment.obstacles_of(arm.name, grasp)
             if id(obstacles) not in open_hands:
                 open_hands[id(obstacles)] = OpenHand(moving, body, obstacles, settings)
-            try:
-                holding = Holding(
-                    moving,
-                    AttachedObject(body, grasp),
-                    obstacles,
-                    open_hands[id(obstacles)],
-                    settings,
-                    aside,
-                )
-            except GraspError as error:
-                bad_grasps.append(error)
+            open_hand, held = open_hands[id(obstacles)], AttachedObject(body, grasp)
+            rules = StartRules(settings.collision, obstacles, settings.tilt, keep_out)
+            placed = StartState(moving.robot, moving.q_rest, body, rules)
+            bad = _grasp_error(placed, moving, held, open_hand, settings)
+            if bad is not None:
+                bad_grasps.append(bad)
                 continue
             # Whether q_0 is free with the object held so.
-            fault = _why_not_free(holding, placed, obstacles, settings, keep_out)
-            if isinstance(fault, GraspError):
-                bad_grasps.append(fault)
-            elif fault is not None:
+            holding = Holding(moving, held, obstacles, open_hand, settings, aside)
+            fault = placed.leans(arm, grasp)
+            if fault is None and not holding.collision.free(holding.q_start):
+                # What is not certain to be free may be so close to the margin that coal calls it
+                # free.
+                met = holding.collision.explain(holding.q_start)
+                fault = placed.of_arm(arm) or placed.of_grasp(arm, grasp)
+                fault = fault or met_environment(met, True, settings.collision.collision_margin)
+            if fault is None:
+                holdings[-1].append(holding)
+            else:
                 words = f"{arm.name} with grasp {grasp}: {fault.words}"
                 faults.append(Fault(words, fault.remedies))
-            else:
-                of_arm.append(holding)
-        holdings.append(of_arm)
     if not any(holdings):
         raise none_usable(faults, bad_grasps)
     return holdings, (*map(str, bad_grasps), *map(str, faults))
+
+
+def _grasp_error(
+    placed: StartState,
+    moving: MovingArm,
+    held: AttachedObject,
+    open_hand: OpenHand,
+    settings: GraspSettings,
+) -> GraspError | None:
+    """All that is wrong with a grasp, at once: the object lies in the hand, or could not be let go
+    wherever it stood."""
+    errors = [placed.object_in_hand(moving.arm, held.grasp)]
+    if settings.require_retreat:
+        errors += [opening_error(moving, held), open_hand.leaving_error(held.grasp)]
+    found = [error for error in errors if error is not None]
+    if not found:
+        return None
+    return GraspError(found[0].field, found[0].value, ". ".join(e.remedy for e in found))
 
 
 def lay_out_holdings(
@@ -112,32 +128,8 @@ def lay_out_holdings(
             open_hand = OpenHand(moving, body, nothing, settings)
             for grasp in range(len(arm.grasps)):
                 step(f"laying out arm {arm.name} with grasp {grasp}")
-                with contextlib.suppress(GraspError):
-                    Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
-
-
-def _why_not_free(
-    holding: Holding,
-    placed: StartState,
-    obstacles: ObstacleSet,
-    settings: GraspSettings,
-    keep_out: Array,
-) -> Fault | GraspError | None:
-    """What q_0 collides with, or how the object leans there; None where all is well."""
-    held = holding.arm, holding.grasp
-    body, keep = holding.held.body, settings.collision
-    fault = placed.leans(*held, settings.tilt)
-    if fault is None and len(keep_out):
-        fault = placed.kept_out(keep_out, *held, body, keep.collision_margin)
-    if fault is not None or holding.collision.free(holding.q_start):
-        return fault
-    # What is not certain to be free, in words; so close to the margin that coal calls it free.
-    return (
-        placed.met(holding.arm, keep.self_margin)
-        or placed.met_in(obstacles, holding.arm, keep.collision_margin)
-        or placed.met_when_held(*held, body, keep, obstacles)
-        or met_environment(holding.collision.explain(holding.q_start), True, keep.collision_margin)
-    )
+                opening_error(moving, AttachedObject(body, grasp))
+                Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
 
 
 def _within_limits(arm: Arm, q_start: Array) -> Arm:

@@ -51,14 +51,10 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     # Which joints move each frame, and by how much the parts turn together.
     turns = revolute_coordinates(robot)
     joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
-    movers = {joint: _moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
+    movers = {joint: moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
     turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
     steps = max(1, int(np.ceil(turned / _COPY_TURN_RAD)))
-    # Joint frames at every copy.
-    frames = []
-    for share in np.linspace(0.0, 1.0, steps + 1):
-        step("opening the hand")
-        frames.append(_joint_frames(robot, hand + share * change))
+    frames = joint_frames(robot, hand, change, steps)
     change = np.abs(change) / steps
     swept = pin.GeometryModel()
     links: list[str] = []
@@ -106,7 +102,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
 
 
-def _moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
+def moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates move that joint's frame."""
     result = np.zeros(robot.model.nq, np.bool_)
     result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
@@ -118,10 +114,14 @@ def revolute_coordinates(robot: Robot) -> npt.NDArray[np.bool_]:
     return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
 
 
-def _joint_frames(robot: Robot, q: Array) -> list[pin.SE3]:
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q)
-    return [pin.SE3(T) for T in data.oMi]
+def joint_frames(robot: Robot, q: Array, change: Array, steps: int) -> list[list[pin.SE3]]:
+    """The frames of all joints, in so many equal steps from q (nq,) to q + change."""
+    data, frames = robot.model.createData(), []
+    for share in np.linspace(0.0, 1.0, steps + 1):
+        step("opening the hand")
+        pin.forwardKinematics(robot.model, data, q + share * change)
+        frames.append([pin.SE3(T) for T in data.oMi])
+    return frames
 
 
 def _transformed_points(T: pin.SE3, points: Array) -> Array:

@@ -12,10 +12,8 @@ from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.free_yaw_ik import FIRST_SEEDS, FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
-from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.straight_down import (
     UP,
@@ -71,9 +69,6 @@ class Holding:
         any_turn: where the arm's joints move its tip in fewer than six directions, so that it says
             how the object is turned: which turns it can give it; else None.
         upright: the limit on the object's tilt; None without.
-
-    Raises:
-        GraspError: the object overlaps the arm, or the hand could not let it go.
     """
 
     def __init__(
@@ -92,21 +87,7 @@ class Holding:
         self.q_start = moving.q
         self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
         self.require_retreat = settings.require_retreat
-        # The arm with the object in its hand, and the hand's way off it; all that is wrong is told
-        # at once.
-        errors = []
-        try:
-            self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
-        except GraspError as error:
-            errors.append(error)
-        if self.require_retreat:
-            try:
-                check_letting_go(moving, held, settings)
-            except GraspError as error:
-                errors.append(error)
-        if errors:  # all that is wrong with the grasp at once
-            words = ". ".join(error.remedy for error in errors)
-            raise GraspError(errors[0].field, errors[0].value, words)
+        self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
         self.open_hand = open_hand
         self._ik = InverseKinematics(self.chain, settings.ik)
         grasp = self.arm.grasps[held.grasp]
@@ -214,7 +195,7 @@ class Holding:
             above = self.follow(raised, q)
             if above is not None:
                 found = self.collision.meeting(above, self._reserve)
-        return found or self.open_hand.retreat_meeting(q, self.grasp, T_world_object)
+        return found or self.open_hand.retreat_meeting(q, T_world_object)
 
     def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
         """The configuration (dof,) continuing from `q` that brings the object to that pose."""

@@ -1,12 +1,12 @@
 """Release and retreat: the hand opens, then leaves the placed object along a straight line.
 
-Links of the hand that touch the object, when it has opened, may do so until they have come off it,
-and for the first `PARTING_M` of the way at the longest; what has come off must not meet it again.
+Links of the hand that touch the object when it has opened may do so for the first `PARTING_M` of
+the way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,18 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import (
-    PLACED_OBJECT,
-    ArmCollision,
-    CollisionSettings,
-    Meeting,
-)
+from placement_planner_ros.core.collision.arm import PLACED_OBJECT, ArmCollision, Meeting
 from placement_planner_ros.core.collision.attached_object import PlacedObject
+from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, PARTING_M, GraspSettings
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
@@ -33,46 +28,10 @@ from placement_planner_ros.core.types import Array
 
 _TOUCHING_M = 1e-3
 """m; a touch link of the open hand that is closer to the object than this touches it still."""
-
-_STATIONS = (0.001, 0.002, PARTING_M)
-"""m of the retreat at which links that touch the object still are looked at again."""
-
 _BISECTIONS = 20
+_STATION_ROUNDING_M = 1e-9
 
 EdgeFree = Callable[[Array, Array, Array], bool]
-
-
-class _Leaving:
-    """The arm, its hand open, while it leaves the object it held in one grasp.
-
-    Attributes:
-        touching: touch links that touch the object when the hand has opened. They may do so until
-            they have come off, and no longer than for the first `PARTING_M` of the way; all other
-            links must not meet it.
-    """
-
-    def __init__(self, open_: ArmCollision, touching: frozenset[str]) -> None:
-        self._open = open_
-        self.touching = touching
-        self._without: dict[frozenset[str], ArmCollision] = {}
-        self._only = {link: _link_alone(open_, link, open_.settings) for link in touching}
-
-    def without(self, links: frozenset[str]) -> ArmCollision:
-        """The arm, where these links may touch the object."""
-        if links not in self._without:
-            self._without[links] = self._open.with_pairs(
-                lambda a, b: PLACED_OBJECT not in (a, b) or not links & {a, b}
-            )
-        return self._without[links]
-
-    def still(self, links: frozenset[str], q: Array, reserve: float) -> frozenset[str]:
-        """Those of the links that have not come off the object at q (dof,)."""
-        return frozenset(link for link in links if not self._only[link].free(q, reserve))
-
-
-def _link_alone(open_: ArmCollision, link: str, settings: CollisionSettings) -> ArmCollision:
-    """The link against the placed object, and nothing else."""
-    return open_.with_pairs(lambda a, b: {a, b} == {link, PLACED_OBJECT}, settings, False)
 
 
 class OpenHand:
@@ -83,6 +42,9 @@ class OpenHand:
     Args:
         moving: the arm, its hand closed on the object.
         body: the object o.
+
+    Attributes:
+        touching: per grasp, touch links that touch the object when the hand has opened.
     """
 
     def __init__(
@@ -95,6 +57,7 @@ class OpenHand:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
         # The arm with its hand open, and with what it sweeps by opening.
         opened = moving.with_open_hand()
+        self._arm, self._body, self._room = arm, body, settings.room
         self._settings = settings.retreat
         self._reserve = collision.planning_reserve
         self._ik = InverseKinematics(Chain.from_robot(robot, arm, opened.q_rest), settings.ik)
@@ -109,19 +72,14 @@ class OpenHand:
             replace(collision, self_margin=collision.collision_margin),
             environment=False,
         )
-        # What leaves the object in each grasp.
-        tip = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
-        self._leaving = [self._leaving_grasp(arm, pin.SE3(tip) * grasp) for grasp in arm.grasps]
-        self._placed: pin.SE3 | None = None
-        # The directions of the retreat, of unit length.
-        self._directions = [
-            (np.array(direction) / np.linalg.norm(direction), in_tip)
-            for in_tip, directions in (
-                (True, settings.retreat.tip_directions),
-                (False, settings.retreat.world_directions),
-            )
-            for direction in directions
+        # What touches the object in each grasp, and the arm but for that.
+        self._T_tip_zero = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
+        self.touching = [self._touching_links(grasp) for grasp in range(len(arm.grasps))]
+        self._parting = [
+            self._open.with_pairs(lambda a, b, t=t: PLACED_OBJECT not in (a, b) or not t & {a, b})
+            for t in self.touching
         ]
+        self._placed: pin.SE3 | None = None
 
     def release_free(self, q: Array) -> bool:
         """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
@@ -131,28 +89,60 @@ class OpenHand:
         """What the fingers meet as they open at q (dof,); None where nothing."""
         return self._opening.meeting(q, self._reserve)
 
-    def retreat_meeting(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Meeting | None:
+    def leaving_error(self, grasp: int) -> GraspError | None:
+        """What the hand meets on each of its straight ways off the object; None where one is clear.
+
+        Only the hand and the object are looked at, wherever these come to be. What is refused here
+        no placement could have: whatever stands around, and whatever the arm does, each way of
+        `retreat` leads a link of the hand through the object, or too close past it.
+        """
+        hand = self._open.hand_links
+        alone = self._open.with_pairs(
+            lambda a, b: PLACED_OBJECT in (a, b) and bool(hand & {a, b}), environment=False
+        )
+        T_object = pin.SE3(self._T_tip_zero) * self._arm.grasps[grasp]
+        stations = self._stations(PARTING_M)
+        met: list[tuple[float, str]] = []
+        for words, direction in self._named_directions(T_object):
+            step(f"looking whether the hand of arm {self._arm.name} can leave the object")
+            # To move the object the other way is the same.
+            for station in stations.tolist():
+                self._place(pin.SE3(T_object.rotation, T_object.translation - station * direction))
+                found = alone.meeting(np.zeros(self._arm.dof), self._reserve)
+                if found is not None:
+                    link = found.first if found.second == PLACED_OBJECT else found.second
+                    met.append((station, f"{words}, where {link} is nearer after {station:.3f} m"))
+                    break
+            else:
+                return None
+        # In words: the first way and the furthest.
+        furthest = max(met, key=lambda each: each[0])
+        told = met[0][1]
+        if furthest != met[0]:
+            told += f", and at the furthest {furthest[1]}"
+        return GraspError(
+            f"{self._arm.name}.grasps[{grasp}]",
+            pin.SE3ToXYZQUAT(self._arm.grasps[grasp]).round(4).tolist(),
+            f"the open hand can leave the object in none of the {len(met)} directions that are "
+            f"tried, {self._room:g} m from it: {told}; open the hand further (gripper_open), hold "
+            "the object where the fingers do not close around it and the hand does not lie in it, "
+            "check object.scale, or set require_retreat to false",
+        )
+
+    def retreat_meeting(self, q: Array, T_world_object: pin.SE3) -> Meeting | None:
         """What the open hand meets first on its own way back from q (dof,), along the tip's z.
 
         None where nothing, or where the arm cannot follow that way at all.
         """
         self._place(T_world_object)
-        # The way back along the tip's z, in steps.
-        settings = self._settings
-        steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         T_world_tip = self._ik.chain.forward(q)
-        poses = np.repeat(T_world_tip[None], steps, axis=0)
-        along = settings.retreat_distance / steps * np.arange(1, steps + 1)
-        poses[:, :3, 3] -= along[:, None] * T_world_tip[:3, 2]
-        # Follow it until something is met.
-        leaving = self._leaving[grasp].without(frozenset())
         way = q
-        for pose in poses[along >= PARTING_M]:
+        for pose in _poses_along(T_world_tip, -T_world_tip[:3, 2], self._stations(PARTING_M)):
             tracked = self._ik.track(pose[None], way)
             if tracked is None:
                 return None
             way = tracked[-1]
-            found = leaving.meeting(way, self._reserve)
+            found = self._open.meeting(way, self._reserve)
             if found is not None:
                 return found
         return None
@@ -167,9 +157,11 @@ class OpenHand:
         self._place(T_world_object)
         T_world_tip = self._ik.chain.forward(q)
         # The first direction in which a way is found.
-        for direction, in_tip in self._directions:
-            if in_tip:
-                direction = T_world_tip[:3, :3] @ direction
+        for direction in _unit_vectors(self._settings.tip_directions):
+            way = self._way(q, grasp, T_world_tip, T_world_tip[:3, :3] @ direction)
+            if way is not None:
+                return way
+        for direction in _unit_vectors(self._settings.world_directions):
             way = self._way(q, grasp, T_world_tip, direction)
             if way is not None:
                 return way
@@ -181,106 +173,104 @@ class OpenHand:
         Args:
             way: (m, dof) what `retreat` returned, which the motion is along.
         """
-        # How far the tip must have gone before each link has to be off.
-        leaving, chain = self._leaving[grasp], self._ik.chain
+        chain = self._ik.chain
         start = chain.forward(way[0])[:3, 3]
-        self._place(T_world_object)
-        stages = self._stages(leaving, way)
 
         def gone(q: Array) -> float:
             return float(np.linalg.norm(chain.forward(q)[:3, 3] - start))
 
         def leaves(a: Array, b: Array, deviation: Array) -> bool:
             self._place(T_world_object)
-            # Nothing touches: one stage for the whole way.
-            if len(stages) == 1:
-                return stages[0][1].edge_free(a, b, deviation=deviation)
-            # The part of the motion within each stage.
             near, far = (a, b) if gone(a) <= gone(b) else (b, a)
-            for end, arm in stages:
-                if gone(near) >= end:
-                    continue
-                last = far if gone(far) <= end else _configuration_between(near, far, gone, end)
-                if not arm.edge_free(near, last, deviation=deviation):
+            # The part of the motion on which links may touch.
+            if self.touching[grasp] and gone(near) < PARTING_M:
+                parting, parted = self._parting[grasp], gone(far) > PARTING_M
+                last = _configuration_between(near, far, gone) if parted else far
+                if not parting.edge_free(near, last, deviation=deviation):
                     return False
-                if last is far:
-                    break
+                if not parted:
+                    return True
                 near = last
-            return True
+            return self._open.edge_free(near, far, deviation=deviation)
 
         return leaves
-
-    def _stages(self, leaving: _Leaving, way: Array) -> list[tuple[float, ArmCollision]]:
-        """How far along the way (m, dof) of the placed object's which arm counts, metres."""
-        touching, stages = leaving.touching, []
-        if touching:
-            for end, q in zip(_STATIONS, way[1:], strict=False):
-                stages.append((end, leaving.without(touching)))
-                touching = leaving.still(touching, q, self._reserve)
-        return [*stages, (np.inf, leaving.without(frozenset()))]
 
     def _place(self, T_world_object: pin.SE3) -> None:
         if self._placed is None or self._placed != T_world_object:
             self._open.place(T_world_object)
             self._placed = pin.SE3(T_world_object)
 
-    def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
-        settings, leaving = self._settings, self._leaving[grasp].without(frozenset())
-        # The way on which links come off, if they touch.
+    def _stations(self, beyond: float) -> Array:
+        """(n,) metres of the retreat at which there are waypoints, from `beyond` on."""
+        settings = self._settings
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
-        step = settings.retreat_distance / steps
-        way = self._parting(q, grasp, T_world_tip, direction)
-        if way is None:
+        stations = settings.retreat_distance / steps * np.arange(1, steps + 1)
+        return np.unique([beyond, *stations[stations > beyond + _STATION_ROUNDING_M]])
+
+    def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
+        """(m, dof) certified waypoints along a direction (3,); None without."""
+        way: Array | None = q[None]
+        begin = 0.0
+        # First what touches comes off.
+        if self.touching[grasp]:
+            begin = PARTING_M
+            first = _poses_along(T_world_tip, direction, np.array([begin]))
+            way = self._followed(q[None], self._parting[grasp], first)
+        # Then all that the way takes, and on until the whole hand is off.
+        stations = self._stations(begin)[1:]
+        further = self._settings.retreat_step
+        while way is not None and stations[-1] <= LONGEST_RETREAT_M + _STATION_ROUNDING_M:
+            poses = _poses_along(T_world_tip, direction, stations)
+            way = self._followed(way, self._open, poses)
+            if way is not None and self._parted.free(way[-1], self._reserve):
+                return way
+            stations = stations[-1:] + further
+        return None
+
+    def _followed(self, way: Array, arm: ArmCollision, poses: Array) -> Array | None:
+        """A way (m, dof) continued along poses (n, 4, 4), states and edges certified."""
+        tracked = self._ik.track(poses, way[-1])
+        if tracked is None or not arm.free_batch(tracked, self._reserve).all():
             return None
-        # Where links had to come off first, the way has gone on for as long as that may take.
-        done = int(PARTING_M / step + 1e-9) if len(way) > 1 else 0
-        first = done
-        # Go on until the whole hand is off, or for as long as a retreat may be.
-        while done == first or not self._parted.free(way[-1], self._reserve):
-            further = np.arange(done + 1, max(steps, done + 1) + 1)
-            if further[-1] * step > LONGEST_RETREAT_M + 1e-9:
+        for a, b in pairwise((way[-1], *tracked)):
+            if not arm.edge_free(a, b, reserve=self._reserve):
                 return None
-            # Follow the line, and certify states and edges.
-            tracked = self._ik.track(
-                _poses_along(T_world_tip, direction, step * further.astype(float)), way[-1]
+        return np.vstack([way, tracked])
+
+    def _named_directions(self, T_object: pin.SE3) -> Iterator[tuple[str, Array]]:
+        """Directions (3,) of the ways off an object at T_object with all joints at zero, in words;
+        those in the world for each side that the object can stand on."""
+        for direction in _unit_vectors(self._settings.tip_directions):
+            yield (
+                f"along {_numbers(direction)} in the tip frame",
+                self._T_tip_zero[:3, :3] @ direction,
             )
-            if tracked is None or not leaving.free_batch(tracked, self._reserve).all():
-                return None
-            ends = np.vstack([way[-1:], tracked])
-            if not all(leaving.edge_free(*e, reserve=self._reserve) for e in pairwise(ends)):
-                return None
-            way = np.vstack([way, tracked])
-            done = int(further[-1])
-        return way
+        for direction in _unit_vectors(self._settings.world_directions):
+            for number, face in enumerate(self._body.faces):
+                words = f"along {_numbers(direction)} with the object standing on face {number}"
+                R_object_face = face.T_face_object.rotation.T
+                yield words, T_object.rotation @ R_object_face @ direction
 
-    def _parting(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
-        """(k, dof) the way from q on, on which links come off that touch the object still."""
-        leaving = self._leaving[grasp]
-        touching = leaving.touching
-        if not touching:
-            return q[None]
-        # Follow the line from station to station; links that came off must stay off.
-        tracked = self._ik.track(_poses_along(T_world_tip, direction, np.array(_STATIONS)), q)
-        if tracked is None:
-            return None
-        way = np.vstack([q[None], tracked])
-        for a, b in pairwise(way):
-            if not leaving.without(touching).edge_free(a, b, reserve=self._reserve):
-                return None
-            touching = leaving.still(touching, b, self._reserve)
-        return None if touching else way
-
-    def _leaving_grasp(self, arm: Arm, T_world_object: pin.SE3) -> _Leaving:
-        """The arm while it leaves an object held there with all joints at zero."""
-        step(f"looking what of arm {arm.name} leaves the object")
-        self._open.place(T_world_object)
-        # Links that touch the object with the hand open.
+    def _touching_links(self, grasp: int) -> frozenset[str]:
+        """Touch links that touch the object held so, the hand open."""
+        step(f"looking what of arm {self._arm.name} leaves the object")
+        self._open.place(pin.SE3(self._T_tip_zero) * self._arm.grasps[grasp])
         near = replace(self._open.settings, self_margin=_TOUCHING_M)
-        zero = np.zeros(arm.dof)
-        touching = {
-            link for link in arm.touch_links if not _link_alone(self._open, link, near).free(zero)
-        }
-        return _Leaving(self._open, frozenset(touching))
+        return frozenset(
+            link
+            for link in self._arm.touch_links
+            if not self._open.with_pairs(
+                lambda a, b, link=link: {a, b} == {link, PLACED_OBJECT}, near, environment=False
+            ).free(np.zeros(self._arm.dof))
+        )
+
+
+def _unit_vectors(directions: tuple[tuple[float, float, float], ...]) -> list[Array]:
+    return [np.array(each) / np.linalg.norm(each) for each in directions]
+
+
+def _numbers(direction: Array) -> str:
+    return f"({', '.join(f'{x:.3g}' for x in direction)})"
 
 
 def _poses_along(T_world_tip: Array, direction: Array, distances: Array) -> Array:
@@ -290,14 +280,13 @@ def _poses_along(T_world_tip: Array, direction: Array, distances: Array) -> Arra
     return poses
 
 
-def _configuration_between(
-    near: Array, far: Array, gone: Callable[[Array], float], end: float
-) -> Array:
-    """Where on the straight motion from `near` to `far` (dof,) the tip has gone `end` metres, or
+def _configuration_between(near: Array, far: Array, gone: Callable[[Array], float]) -> Array:
+    """Where on the straight motion from `near` to `far` (dof,) the tip has gone `PARTING_M`, or
     just less."""
     # Bisect, keeping the end that has not gone too far.
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if gone(near + middle * (far - near)) <= end else (low, middle)
+        parted = gone(near + middle * (far - near)) > PARTING_M
+        low, high = (low, middle) if parted else (middle, high)
     return np.asarray(near + low * (far - near))

@@ -7,7 +7,7 @@ spheres. `usable_holdings` asks it why, where q_0 is not certain to be free.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
 
@@ -18,24 +18,15 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import TiltLimit
-from placement_planner_ros.core.collision.arm import (
-    HELD_OBJECT,
-    CollisionSettings,
-    arm_joint,
-)
-from placement_planner_ros.core.collision.object_solids import (
-    coal_transform,
-    depths_in_links,
-    object_in_hand,
-    object_overlaps,
-    object_solids,
-)
+from placement_planner_ros.core.collision.arm import HELD_OBJECT, CollisionSettings, arm_joint
+from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, meet, winding_number
+from placement_planner_ros.core.robot.overlap import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 WITH_CLOUDS = "in collision with the clouds"
@@ -47,10 +38,11 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
-_Thing = tuple[str, coal.CollisionGeometry, coal.Transform3s, Array | None]
-"""A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
 _NAMED_PAIRS = 3
 """Pairs of links that are named at most."""
+
+_Thing = tuple[str, int, pin.SE3]
+"""A name, the number of a shape, and its place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,22 +61,26 @@ class Fault:
         return f"{self.words}; {'; '.join(self.remedies)}"
 
 
-def faults_at_start(
-    robot: Robot,
-    arms: tuple[Arm, ...],
-    q_start: Array,
-    body: Body,
-    settings: CollisionSettings,
-    obstacles: ObstacleSet | None = None,
-    tilt: TiltLimit | None = None,
-    keep_out: Array | None = None,
-) -> tuple[str, ...]:
-    """Why some arms and grasps cannot be used: joint limits, collision and tilt at q_0 (nq,).
+@dataclass(frozen=True, slots=True, eq=False)
+class StartRules:
+    """What is kept at q_0.
 
-    Args:
+    Attributes:
         obstacles: the environment; None where it is not known yet.
         tilt: by how much the held object may lean; None for any.
         keep_out: (k, 2, 3) corners of boxes that nothing which moves may be in.
+    """
+
+    collision: CollisionSettings = field(default_factory=CollisionSettings)
+    obstacles: ObstacleSet | None = None
+    tilt: TiltLimit | None = None
+    keep_out: Array | None = None
+
+
+def faults_at_start(
+    robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body, rules: StartRules
+) -> tuple[str, ...]:
+    """Why some arms and grasps cannot be used: joint limits, collision and tilt at q_0 (nq,).
 
     Raises:
         StartError: q_0 is wrong for every arm and grasp.
@@ -93,58 +89,40 @@ def faults_at_start(
     faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
     usable = 0
-    placed = StartState(robot, q_start)
-    margin = settings.collision_margin
+    placed = StartState(robot, q_start, body, rules)
     for arm in arms:
         # What the arm meets wherever the object is held.
-        fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
-        if obstacles is not None and not fault:
-            fault = placed.met_in(obstacles, arm, margin)
-        if fault is not None:
-            faults.append(Fault(f"{arm.name}: {fault.words}", fault.remedies))
-            bad_grasps += placed.bad_grasps(arm, body)  # wherever the arm is
-            continue
+        of_arm = placed.of_arm(arm)
+        if of_arm is not None:
+            faults.append(Fault(f"{arm.name}: {of_arm.words}", of_arm.remedies))
         for grasp in range(len(arm.grasps)):
-            found = placed.leans(arm, grasp, tilt) or placed.met_when_held(
-                arm, grasp, body, settings, obstacles, keep_out
-            )
-            if found is None:
-                usable += 1
-            elif isinstance(found, GraspError):
-                bad_grasps.append(found)
-            else:
+            bad = placed.object_in_hand(arm, grasp)
+            found = None if of_arm or bad else placed.of_grasp(arm, grasp)
+            if bad is not None:
+                bad_grasps.append(bad)
+            elif found is not None:
                 words = f"{arm.name} with grasp {grasp}: {found.words}"
                 faults.append(Fault(words, found.remedies))
+            usable += of_arm is None and bad is None and found is None
     if not usable:
         raise none_usable(faults, bad_grasps)
     return (*map(str, bad_grasps), *map(str, faults))
-
-
-def tilt_fault(limit: TiltLimit, tilt: float) -> Fault | None:
-    """The fault of an object that leans by `tilt` rad at q_0; None where it may."""
-    if tilt <= limit.most:
-        return None
-    return Fault(
-        f"object.up is {in_degrees(tilt)} from the vertical at q_0, and carry.max_tilt "
-        f"{in_degrees(limit.most)}",
-        (
-            "bring the object upright before start, raise carry.max_tilt, or correct object.up or "
-            "the grasp",
-        ),
-    )
 
 
 def tilts_at_start(
     robot: Robot, arms: tuple[Arm, ...], q_start: Array, limit: TiltLimit
 ) -> tuple[str, ...]:
     """By how much the object leans at q_0 (nq,) in each grasp, in words."""
-    placed = StartState(robot, q_start)
-    return tuple(
-        f"{arm.name} with grasp {grasp}: object.up is {in_degrees(placed.tilt(arm, grasp, limit))} "
-        f"from the vertical at q_0 (carry.max_tilt: {in_degrees(limit.most)})"
-        for arm in arms
-        for grasp in range(len(arm.grasps))
-    )
+    words = []
+    for arm in arms:
+        tip = robot.link_pose(q_start, arm.tip_frame)
+        for number, grasp in enumerate(arm.grasps):
+            tilt = in_degrees(limit.tilt((tip * grasp).rotation))
+            words.append(
+                f"{arm.name} with grasp {number}: object.up is {tilt} from the vertical at q_0 "
+                f"(carry.max_tilt: {in_degrees(limit.most)})"
+            )
+    return tuple(words)
 
 
 def in_degrees(angle: float) -> str:
@@ -187,37 +165,6 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
     )
 
 
-def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
-    """The fault of links that meet each other at q (nq,), with what they need to be left out."""
-    # Where the links of each pair are deepest in each other.
-    rows = dict.fromkeys(sorted_pair(*each) for each in links)
-    overlaps, placements = _robot_overlaps(robot), robot.geometry_poses(q)
-    words = []
-    for first, second in rows:
-        said, deepest = f"{first} meets {second}", 0.0
-        for i, j in product(_shapes_of(robot, first), _shapes_of(robot, second)):
-            depth = overlaps.depth(i, j, placements[i], placements[j])
-            if depth > deepest:
-                x, y, z = overlaps.place(i, j, placements[i], placements[j])
-                said = (
-                    f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
-                    f"{depth:.4f} m in each other"
-                )
-                deepest = depth
-        words.append(said)
-    if any(HELD_OBJECT in each for each in rows):
-        return Fault(f"in self-collision: {listed(words)}", (CHECK_GRASP, MOVE_ROBOT))
-    remedy = (
-        "where the robot does stand like this and only its meshes overlap, add to the SRDF "
-        f"(robot_description_semantic): {' '.join(map(srdf_line, rows))}"
-    )
-    return Fault(f"in self-collision: {listed(words)}", (remedy, MOVE_ROBOT))
-
-
-def _shapes_of(robot: Robot, link: str) -> list[int]:
-    return [i for i, name in enumerate(robot.geometry_links) if name == link]
-
-
 def met_environment(met: str, near: bool, margin: float) -> Fault:
     """The fault of what meets the clouds, in words.
 
@@ -231,104 +178,82 @@ def met_environment(met: str, near: bool, margin: float) -> Fault:
 
 
 class StartState:
-    """The robot's geometries at one configuration (nq,)."""
+    """The robot's geometries and the object in hand at one configuration (nq,)."""
 
-    def __init__(self, robot: Robot, q: Array) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, q: Array, body: Body, rules: StartRules) -> None:
+        self._robot, self._q, self._rules = robot, q, rules
         self._data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, self._data, q)
-        objects, places = robot.geometry.geometryObjects, robot.geometry_poses(q)
-        self._solids = [
-            (g.geometry, coal.Transform3s(T.rotation, T.translation))
-            for g, T in zip(objects, places, strict=True)
-        ]
-        self._q, self._places, self._overlaps = q, places, _robot_overlaps(robot)
-        centers, self._radii = self._overlaps.centers, self._overlaps.radii
-        self._centers = np.array([T.act(c) for T, c in zip(places, centers, strict=True)])
+        # Shapes of the links, then of the object.
+        self._overlaps = object_overlaps(robot, body)
+        self._places = robot.geometry_poses(q)
+        self._solids = range(len(self._places), len(self._overlaps.shapes))
+        centers = self._overlaps.centers[: len(self._places)]
+        self._centers = np.array([T.act(c) for T, c in zip(self._places, centers, strict=True)])
         self._centers = self._centers.reshape(-1, 3)
 
-    def met(self, arm: Arm, margin: float) -> Fault | None:
-        """Which links meet that move to each other with the arm; None where none do."""
-        pairs, carried = _checked_pairs(self._robot), _carrying_joints(self._robot, arm)
-        # Pairs that the arm moves against each other, and whose balls are near.
-        pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
-        apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
-        near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
-        names, met = self._robot.geometry_links, []
-        for a, b in pairs[near].tolist():
-            (first, T_first), (second, T_second) = self._solids[a], self._solids[b]
-            if meet(first, T_first, second, T_second, margin) or self._overlaps.nested(
-                a, b, self._places[a], self._places[b]
-            ):
-                met.append((names[a], names[b]))
-                if len(set(met)) == _NAMED_PAIRS:
-                    break
-        return met_itself(self._robot, self._q, met) if met else None
+    def of_arm(self, arm: Arm) -> Fault | None:
+        """What is wrong with the arm wherever the object is held; None where nothing."""
+        joints = _carrying_joints(self._robot, arm)
+        moved = [
+            (self._robot.geometry_links[i], i, self._places[i])
+            for i in np.flatnonzero(joints >= 0).tolist()
+        ]
+        return beyond_limits(arm, self._q) or self._met_itself(joints) or self._met_boxes(moved)
 
-    def tilt(self, arm: Arm, grasp: int, limit: TiltLimit) -> float:
-        """Angle of the held object's `up` from the vertical, rad."""
-        return limit.tilt(self._at(arm, grasp).rotation)
+    def of_grasp(self, arm: Arm, grasp: int) -> Fault | None:
+        """What is wrong with how the object is held: it leans, or meets a link that is not of the
+        hand, or the environment."""
+        T = self._object_at(arm, grasp)
+        things = [(HELD_OBJECT, j, T) for j in self._solids]
+        link = self._met_by_object(arm, T)
+        words = f"in self-collision: {HELD_OBJECT} meets {link}"
+        return (
+            self.leans(arm, grasp)
+            or (Fault(words, (CHECK_GRASP, MOVE_ROBOT)) if link else None)
+            or self._met_boxes(things)
+        )
 
-    def leans(self, arm: Arm, grasp: int, limit: TiltLimit | None) -> Fault | None:
-        """Whether the held object leans by more than it may."""
-        return None if limit is None else tilt_fault(limit, self.tilt(arm, grasp, limit))
+    def leans(self, arm: Arm, grasp: int) -> Fault | None:
+        """By how much more than it may the held object leans."""
+        limit = self._rules.tilt
+        tilt = limit.tilt(self._object_at(arm, grasp).rotation) if limit is not None else 0.0
+        if limit is None or tilt <= limit.most:
+            return None
+        return Fault(
+            f"object.up is {in_degrees(tilt)} from the vertical at q_0, and carry.max_tilt "
+            f"{in_degrees(limit.most)}",
+            (
+                "bring the object upright before start, raise carry.max_tilt, or correct object.up "
+                "or the grasp",
+            ),
+        )
 
-    def bad_grasps(self, arm: Arm, body: Body) -> list[GraspError]:
-        """Grasps in which the object lies in the hand."""
-        found = []
-        for grasp in range(len(arm.grasps)):
-            depths = self.depths_in_hand(arm, grasp, body)
-            if depths:
-                found.append(object_in_hand(arm, grasp, depths))
-        return found
+    def object_in_hand(self, arm: Arm, grasp: int) -> GraspError | None:
+        """The object overlaps links of the hand that it may not touch."""
+        depths: dict[str, float] = {}
+        T = self._object_at(arm, grasp)
+        for i in np.flatnonzero(self._in_hand(arm)).tolist():
+            link = self._robot.geometry_links[i]
+            if link in arm.touch_links:
+                continue
+            step(f"comparing the object with link {link}")
+            for j in self._solids:
+                depth = self._overlaps.depth(i, j, self._places[i], T)
+                if depth > 0.0:
+                    depths[link] = max(depth, depths.get(link, 0.0))
+        if not depths:
+            return None
+        links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
+        return GraspError(
+            f"{arm.name}.grasps[{grasp}]",
+            pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist(),
+            f"the object lies in {links}; move the grasp, list "
+            f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
+            "object.scale where the object is not that large",
+        )
 
-    def met_when_held(
-        self,
-        arm: Arm,
-        grasp: int,
-        body: Body,
-        settings: CollisionSettings,
-        obstacles: ObstacleSet | None = None,
-        keep_out: Array | None = None,
-    ) -> Fault | GraspError | None:
-        """What the object meets in a grasp: the hand, boxes to keep out of, another link, the
-        environment; None where nothing."""
-        depths = self.depths_in_hand(arm, grasp, body)
-        if depths:
-            return object_in_hand(arm, grasp, depths)
-        link = self.met_by_object(arm, grasp, body, settings.self_margin)
-        if link:
-            words = f"in self-collision: {HELD_OBJECT} meets {link}"
-            return Fault(words, (CHECK_GRASP, MOVE_ROBOT))
-        margin, fault = settings.collision_margin, None
-        if keep_out is not None:
-            fault = self.kept_out(keep_out, arm, grasp, body, margin)
-        if obstacles is not None:
-            fault = fault or _met_in(obstacles, self._held(arm, grasp, body), margin)
-        return fault
-
-    def depths_in_hand(self, arm: Arm, grasp: int, body: Body) -> dict[str, float]:
-        """How deep, metres, the object lies in links of the hand that it may not touch."""
-        rows = np.flatnonzero(self._in_hand(arm)).tolist()
-        rows = [i for i in rows if self._robot.geometry_links[i] not in arm.touch_links]
-        return depths_in_links(self._robot, body, rows, self._places, self._at(arm, grasp))
-
-    def met_by_object(self, arm: Arm, grasp: int, body: Body, margin: float) -> str:
-        """Which link that is not of the hand the object meets first; '' where none."""
-        T = self._at(arm, grasp)
-        overlaps, first = object_overlaps(self._robot, body), len(self._solids)
-        others = ~self._in_hand(arm)
-        for j in range(first, len(overlaps.shapes)):
-            away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
-            near = away <= self._radii + overlaps.radii[j] + margin
-            for i in np.flatnonzero(near & others).tolist():
-                link = self._robot.geometry_links[i]
-                if link not in arm.touch_links and overlaps.meet(i, j, self._places[i], T, margin):
-                    return link
-        return ""
-
-    def _at(self, arm: Arm, grasp: int) -> pin.SE3:
-        """Where the object is in a grasp."""
+    def _object_at(self, arm: Arm, grasp: int) -> pin.SE3:
         return self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
 
     def _in_hand(self, arm: Arm) -> npt.NDArray[np.bool_]:
@@ -338,95 +263,97 @@ class StartState:
         hand = arm_joint(model, _joint_ids(robot, arm), tip)
         return np.asarray(_carrying_joints(robot, arm) == hand)
 
-    def kept_out(
-        self, boxes: Array, arm: Arm, grasp: int, body: Body, margin: float
-    ) -> Fault | None:
-        """Which link that the arm moves, or whether the object, is in a box (k, 2, 3) or nearer to
-        it than the margin; None where neither is."""
-        things = [*self._moved(arm), *self._held(arm, grasp, body)]
-        met = _first_met(boxes[:, 0], boxes[:, 1], things, margin)
+    def _met_itself(self, joints: npt.NDArray[np.int64]) -> Fault | None:
+        """Which links meet that move to each other with the arm.
+
+        Args:
+            joints: (n,) as `_carrying_joints` has them.
+        """
+        # Pairs that the arm moves against each other, and whose balls are near.
+        margin, radii = self._rules.collision.self_margin, self._overlaps.radii
+        pairs = _checked_pairs(self._robot)
+        pairs = pairs[joints[pairs[:, 0]] != joints[pairs[:, 1]]]
+        apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
+        near = apart <= radii[pairs[:, 0]] + radii[pairs[:, 1]] + margin
+        names, places, met = self._robot.geometry_links, self._places, {}
+        for a, b in pairs[near].tolist():
+            if self._overlaps.meet(a, b, places[a], places[b], margin):
+                met[sorted_pair(names[a], names[b])] = None
+                if len(met) == _NAMED_PAIRS:
+                    break
         if not met:
             return None
-        words = f"q_0 is not free: {met.replace('the environment', 'a box of keep_out')}"
-        return Fault(words, ("make the boxes of keep_out smaller", MOVE_ROBOT))
+        remedy = (
+            "where the robot does stand like this and only its meshes overlap, add to the SRDF "
+            f"(robot_description_semantic): {' '.join(map(srdf_line, met))}"
+        )
+        words = listed([self._overlap_words(*pair) for pair in met])
+        return Fault(f"in self-collision: {words}", (remedy, MOVE_ROBOT))
 
-    def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> Fault | None:
-        """Which link that the arm moves meets the environment; None where none does."""
-        return _met_in(obstacles, self._moved(arm), margin)
-
-    def _moved(self, arm: Arm) -> list[_Thing]:
-        """The geometries that the arm moves."""
-        moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
-        return [(self._robot.geometry_links[i], *self._solids[i], None) for i in moved]
-
-    def _held(self, arm: Arm, grasp: int, body: Body) -> list[_Thing]:
-        """The object in that grasp."""
-        T = self._at(arm, grasp)
-        return [
-            (HELD_OBJECT, solid.geometry, coal_transform(T), solid.around)
-            for solid in object_solids(body)
+    def _overlap_words(self, first: str, second: str) -> str:
+        """Where two links are deepest in each other, and how deep."""
+        said, deepest, places = f"{first} meets {second}", 0.0, self._places
+        rows = [
+            [i for i, name in enumerate(self._robot.geometry_links) if name == link]
+            for link in (first, second)
         ]
+        for i, j in product(*rows):
+            depth = self._overlaps.depth(i, j, places[i], places[j])
+            if depth > deepest:
+                deepest = depth
+                x, y, z = self._overlaps.place(i, j, places[i], places[j])
+                said = (
+                    f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
+                    f"{depth:.4f} m in each other"
+                )
+        return said
 
+    def _met_by_object(self, arm: Arm, T: pin.SE3) -> str:
+        """Which link that is not of the hand the object at T meets first; '' where none."""
+        margin, overlaps = self._rules.collision.self_margin, self._overlaps
+        others = ~self._in_hand(arm)
+        for j in self._solids:
+            away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
+            near = away <= overlaps.radii[: len(self._centers)] + overlaps.radii[j] + margin
+            for i in np.flatnonzero(near & others).tolist():
+                link = self._robot.geometry_links[i]
+                if link not in arm.touch_links and overlaps.meet(i, j, self._places[i], T, margin):
+                    return link
+        return ""
 
-def _met_in(
-    obstacles: ObstacleSet,
-    things: list[_Thing],
-    margin: float,
-) -> Fault | None:
-    """Which of the things comes as near to a box as the margin; None where none does."""
-    boxes = obstacles.lower, obstacles.upper
-    met = _first_met(*boxes, things, margin)
-    if not met:
-        return None
-    touching = _first_met(*boxes, things, 0.0)
-    return met_environment(touching or met, not touching, margin)
+    def _met_boxes(self, things: list[_Thing]) -> Fault | None:
+        """Which of the things is in a box to keep out of, or meets the environment."""
+        rules, margin = self._rules, self._rules.collision.collision_margin
+        if rules.keep_out is not None:
+            met = self._first_met(rules.keep_out[:, 0], rules.keep_out[:, 1], things, margin)
+            if met:
+                words = met.replace("the environment", "a box of keep_out")
+                remedies = "make the boxes of keep_out smaller", MOVE_ROBOT
+                return Fault(f"q_0 is not free: {words}", remedies)
+        if rules.obstacles is None:
+            return None
+        boxes = rules.obstacles.lower, rules.obstacles.upper
+        met = self._first_met(*boxes, things, margin)
+        touching = self._first_met(*boxes, things, 0.0) if met else ""
+        return met_environment(touching or met, not touching, margin) if met else None
 
-
-def _first_met(
-    box_lower: Array,
-    box_upper: Array,
-    things: list[_Thing],
-    margin: float,
-) -> str:
-    """The first of the things that comes as near to a box, in words; '' where none does."""
-    # Boxes along the axes around the things, the margin added.
-    bounds = np.empty((len(things), 2, 3))
-    for bound, (_, thing, T, _) in zip(bounds, things, strict=True):
-        thing.computeLocalAABB()
-        local = thing.aabb_local
-        center = T.getRotation() @ ((local.min_ + local.max_) / 2) + T.getTranslation()
-        half = np.abs(T.getRotation()) @ ((local.max_ - local.min_) / 2) + margin
-        bound[:] = center - half, center + half
-    # Boxes of the obstacles near any of them.
-    lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    near = ((box_lower <= upper) & (box_upper >= lower)).all(axis=1)
-    corners = np.hstack([box_lower[near], box_upper[near]])
-    for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
-        # Each thing against the boxes near it.
-        for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
-            at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
-            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _surface_encloses(
-                around, T, (box[:3] + box[3:]) / 2
-            ):
-                x, y, z = (box[:3] + box[3:]) / 2
-                return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
-    return ""
-
-
-def _surface_encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
-    """Whether a closed surface (t, 3, 3) at T encloses a point (3,)."""
-    if triangles is None:
-        return False
-    # The point in the surface's frame, outside the box around that at once.
-    local = T.getRotation().T @ (point - T.getTranslation())
-    if (local < triangles.min(axis=(0, 1))).any() or (local > triangles.max(axis=(0, 1))).any():
-        return False
-    return winding_number(local, triangles) > 0.5
-
-
-@lru_cache(maxsize=4)
-def _robot_overlaps(robot: Robot) -> Overlaps:
-    return Overlaps.of(robot.geometry, robot.covers)
+    def _first_met(self, lower: Array, upper: Array, things: list[_Thing], margin: float) -> str:
+        """The first of the things that comes as near to one of the boxes (m, 3), in words; ''
+        where none does."""
+        for name, number, T in things:
+            # Boxes that the box along the axes around the thing comes near.
+            shape = self._overlaps.shapes[number]
+            local = shape.aabb_local
+            center = T.act((local.min_ + local.max_) / 2)
+            half = np.abs(T.rotation) @ ((local.max_ - local.min_) / 2) + margin
+            near = ((lower <= center + half) & (upper >= center - half)).all(axis=1)
+            for low, high in zip(lower[near], upper[near], strict=True):
+                at = coal.Transform3s(np.eye(3), (low + high) / 2)
+                placed = coal.Transform3s(T.rotation, T.translation)
+                if meet(shape, placed, coal.Box(high - low), at, margin):
+                    x, y, z = (low + high) / 2
+                    return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
+        return ""
 
 
 @lru_cache(maxsize=4)

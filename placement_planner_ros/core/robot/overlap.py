@@ -132,7 +132,7 @@ class Overlaps:
     def of(cls, geometry: pin.GeometryModel, covers: tuple[LinkCover | None, ...]) -> Overlaps:
         """Of a robot's shapes and their covers."""
         shapes = [thing.geometry for thing in geometry.geometryObjects]
-        return cls(shapes, surfaces=_surfaces_of(covers))
+        return cls(shapes, surfaces=link_surfaces(covers))
 
     def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, margin: float = 0.0) -> bool:
         """Whether shapes i and j overlap where they are placed, or are nearer than `margin`, m."""
@@ -271,7 +271,7 @@ class Overlaps:
 
 
 @lru_cache(maxsize=8)
-def _surfaces_of(covers: tuple[LinkCover | None, ...]) -> tuple[MeshSurface | None, ...]:
+def link_surfaces(covers: tuple[LinkCover | None, ...]) -> tuple[MeshSurface | None, ...]:
     """Of the mesh of each cover: one for geometries that share it, and for copies of a robot."""
     made = {
         cover: MeshSurface(frozen_array(cover.mesh.vertices[cover.mesh.triangles]))

@@ -20,6 +20,7 @@ from placement_planner_ros.core.errors import (
     listed,
 )
 from placement_planner_ros.core.grasp.start_state_check import (
+    StartRules,
     faults_at_start,
     tilts_at_start,
 )
@@ -169,16 +170,13 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     robot, arms, q, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
     parameters, settings = snapshot.parameters, snapshot.parameters.planner_settings
     keep_out = parameters["keep_out"]
-    at_start = faults_at_start(
-        robot,
-        arms,
-        q,
-        body,
+    rules = StartRules(
         settings.collision,
         None if environment is None else environment.obstacles,
         settings.tilt,
         boxes_of(keep_out) if keep_out else None,
     )
+    at_start = faults_at_start(robot, arms, q, body, rules)
     of_arms = [
         note
         for arm in arms

@@ -22,7 +22,11 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.errors import StartError
-from placement_planner_ros.core.grasp.start_state_check import faults_at_start, tilts_at_start
+from placement_planner_ros.core.grasp.start_state_check import (
+    StartRules,
+    faults_at_start,
+    tilts_at_start,
+)
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause
@@ -135,8 +139,8 @@ def test_a_start_that_leans_more_is_refused_with_the_angle(glass):
     collision = settings.collision
     args = problem.robot, problem.arms, problem.q_start, problem.body
     with pytest.raises(StartError, match=r"(?s)object\.up is [2-5]\.\d° .*carry\.max_tilt 2\.0°"):
-        faults_at_start(*args, collision, tilt=tilt)
-    assert faults_at_start(*args, collision) == ()
+        faults_at_start(*args, StartRules(collision, tilt=tilt))
+    assert faults_at_start(*args, StartRules(collision)) == ()
     (words,) = tilts_at_start(problem.robot, problem.arms, problem.q_start, tilt)
     assert words.startswith("right with grasp 0: object.up is ")
 

@@ -8,11 +8,14 @@ import trimesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.release_check import check_letting_go
+from placement_planner_ros.core.grasp.hand_opening import opening_error
+from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 
+NOTHING = ObstacleSet.from_points(np.zeros((0, 3)), GridSettings(), (np.zeros(3), np.ones(3)))
 SIDES = {"palm": (0, 0, -1), "front": (0, 0, 1), "left": (0, 1, 0), "right": (0, -1, 0),
          "inner": (-1, 0, 0), "outer": (1, 0, 0)}  # fmt: skip
 
@@ -49,7 +52,12 @@ def let_go(robot, opened=0.02, settings=None, grasp=None):
     )
     moving = MovingArm(robot, arm, robot.configuration({"lift": 0.3, "slide": 0.0}))
     held = AttachedObject(Body.from_mesh(box.vertices, box.faces))
-    check_letting_go(moving, held, GraspSettings(retreat=settings or RetreatSettings()))
+    hand = OpenHand(
+        moving, held.body, NOTHING, GraspSettings(retreat=settings or RetreatSettings())
+    )
+    error = opening_error(moving, held) or hand.leaving_error(0)
+    if error is not None:
+        raise error
 
 
 def test_a_hand_around_the_object_is_refused_with_what_meets_it_where():

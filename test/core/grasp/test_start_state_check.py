@@ -15,7 +15,7 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, StartError
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.start_state_check import faults_at_start
+from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 SETTINGS = CollisionSettings()
@@ -29,9 +29,8 @@ def problem():
 
 def faults(problem, arms=None, q=None, obstacles=None):
     q = problem.q_start if q is None else q
-    return faults_at_start(
-        problem.robot, arms or problem.arms, q, problem.body, SETTINGS, obstacles
-    )
+    rules = StartRules(SETTINGS, obstacles)
+    return faults_at_start(problem.robot, arms or problem.arms, q, problem.body, rules)
 
 
 def test_a_robot_that_can_begin_has_no_fault(problem):
@@ -106,7 +105,8 @@ def test_a_margin_too_wide_for_where_the_robot_stands_is_named(problem, usable):
         with suppress(StartError):
             faults(problem, arms, q, obstacles)
             try:
-                faults_at_start(problem.robot, arms, q, problem.body, wide, obstacles)
+                rules = StartRules(wide, obstacles)
+                faults_at_start(problem.robot, arms, q, problem.body, rules)
             except StartError as error:
                 refusal = error
                 break

@@ -7,7 +7,7 @@ import pytest
 from helpers.snapshots import parts_of, seen
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.object_solids import coal_transform, object_solids
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.ros.inputs.furniture import fixed_links
@@ -92,7 +92,12 @@ def cuts(snapshot, placement, rod, T_rod):
         for geometry, T in things:
             result = coal.CollisionResult()
             if coal.collide(
-                geometry, coal_transform(T), rod, T_rod, coal.CollisionRequest(), result
+                geometry,
+                coal.Transform3s(T.rotation, T.translation),
+                rod,
+                T_rod,
+                coal.CollisionRequest(),
+                result,
             ):
                 return True
     return False
