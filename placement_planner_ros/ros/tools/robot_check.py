@@ -10,7 +10,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -38,12 +38,8 @@ from placement_planner_ros.ros.tools.findings import Findings
 from placement_planner_ros.ros.tools.given import Given, read_given, read_yaml, start_in
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION
 
-TOUCHING_M = 0.001
-"""What is closer to the object touches it."""
-HOLDING_M = 0.005
-"""A hand that comes no closer does not hold it."""
-NEAR_M = 0.1
-"""What is farther away is not looked at."""
+FAR_FROM_HAND_M = 0.06
+"""From the open hand, beyond which an object is hardly held: wide hands open by 0.12 m."""
 SEARCH_S = 10.0
 """Processor time for a first placement on a plane."""
 
@@ -148,7 +144,7 @@ def read_snapshot(
         for fault in taken:
             findings.wrong(fault)
         return None
-    return taken if joints or start else with_closed_hands(taken, findings)
+    return taken if joints or start else with_open_hands(taken, findings)
 
 
 def _zero(robot: Robot) -> Array:
@@ -261,103 +257,50 @@ def srdf_of(robot: Robot) -> str:
     return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Closing:
-    """How an open hand closes on the object.
-
-    Attributes:
-        fingers: the links that meet it first; none where nothing does.
-        at: values of the gripper's joints where they do.
-        closest: how close the hand comes, metres.
-    """
-
-    fingers: tuple[str, ...]
-    at: dict[str, float]
-    closest: float
-
-    def __str__(self) -> str:
-        if not self.fingers:
-            return "nothing touches it"
-        at = ", ".join(f"{joint} = {value:.3f}" for joint, value in self.at.items())
-        return f"{', '.join(self.fingers)} meets it" + (f" at {at}" if at else "")
-
-
-def with_closed_hands(snapshot: Snapshot, findings: Findings) -> Snapshot:
-    """The snapshot, its fingers where they meet the object in the first grasp of their arm.
-
-    At zero many hands are closed and their fingers in the object, so that it would be told that
-    opening pushes them through it.
-    """
-    closed: dict[str, float] = {}
-    for arm in snapshot.arms:
-        if arm.gripper_joints and arm.grasps:
-            closed |= close_on(snapshot, arm, 0).at
-    at = f", but {', '.join(closed)} where the fingers meet the object" if closed else ""
+def with_open_hands(snapshot: Snapshot, findings: Findings) -> Snapshot:
+    """The snapshot with every hand open: at zero many are closed, their fingers in the object."""
+    opened = [joint for arm in snapshot.arms for joint in arm.gripper_joints]
+    at = f", but {', '.join(opened)} where the hands are open" if opened else ""
     findings.say(
         f"no start is given: all joints are assumed at zero or the limit next to it{at}; --joints "
         "FILE gives it"
     )
-    q = snapshot.robot.with_positions(snapshot.q_start, closed)
+    q = snapshot.q_start
+    for arm in snapshot.arms:
+        q = snapshot.robot.with_open_hand(q, arm)
     return replace(snapshot, q_start=q)
 
 
 def check_grasps(snapshot: Snapshot, findings: Findings) -> None:
-    """Say what touches the object in each grasp; what nothing holds is worth a look."""
-    findings.title("grasps: what the closing hand touches")
+    """Remark on grasps in which the object is far from the open hand."""
     for arm in snapshot.arms:
         for number in range(len(arm.grasps)):
-            closing = close_on(snapshot, arm, number)
-            findings.say(f"{arm.name}, grasp {number}: {closing}")
-            if closing.closest > HOLDING_M:
+            apart = hand_distance(snapshot, arm, number)
+            if apart > FAR_FROM_HAND_M:
                 findings.remark(
-                    f"{arm.name}.grasps: in grasp {number} the hand comes no closer to the object "
-                    f"than {1e3 * closing.closest:.0f} mm; unless something holds it that the "
-                    "description lacks, as a suction cup, check the pose of the object in "
-                    f"{arm.tip_frame}, its quaternion (x y z w) and object.scale"
+                    f"{arm.name}.grasps: in grasp {number} the open hand is {1e3 * apart:.0f} mm "
+                    "from the object; unless something holds it that the description lacks, as a "
+                    f"suction cup, check the pose of the object in {arm.tip_frame}, its quaternion "
+                    "(x y z w) and object.scale"
                 )
 
 
-def close_on(snapshot: Snapshot, arm: Arm, grasp: int) -> Closing:
-    """Close the hand from where it is open, until the first of it meets the object."""
-    robot, closest = snapshot.robot, NEAR_M
-    index = [robot.index(joint) for joint in arm.gripper_joints]
-    opened = np.array(arm.gripper_open)
-    low, high = robot.lower[index], robot.upper[index]
-    closed = np.where(np.abs(low - opened) > np.abs(high - opened), low, high)
-    for share in np.linspace(0.0, 1.0, 41 if index else 1):
-        values = opened + share * (closed - opened)
-        at = dict(zip(arm.gripper_joints, values.tolist(), strict=True))
-        q = robot.with_positions(snapshot.q_start, at)
-        near = link_distances(snapshot, arm, grasp, q)
-        closest = min(closest, *near.values(), np.inf)
-        met = tuple(sorted(link for link, far in near.items() if far <= TOUCHING_M))
-        if met:
-            return Closing(met, at, closest)
-    return Closing((), {}, closest)
-
-
-def link_distances(snapshot: Snapshot, arm: Arm, grasp: int, q: Array) -> dict[str, float]:
-    """How far links within `NEAR_M` are from the object in a grasp at q (nq,); of hands that open,
-    those which that moves."""
+def hand_distance(snapshot: Snapshot, arm: Arm, grasp: int) -> float:
+    """Metres from the object in a grasp to the nearest link of the open hand; 0 without links."""
     robot, body = snapshot.robot, snapshot.body
-    movers = {name for name, mimic in robot.mimics.items() if mimic.master in arm.gripper_joints}
-    movers.update(arm.gripper_joints)
+    q = robot.with_open_hand(snapshot.q_start, arm)
     T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     place = coal.Transform3s(T.rotation, T.translation)
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    near: dict[str, float] = {}
-    for i, (link, at) in enumerate(zip(robot.geometry_links, robot.geometry_poses(q), strict=True)):
-        if movers and not movers.intersection(robot.joints_to(link)):
-            continue
+    apart = []
+    for link, shape, at in zip(
+        robot.geometry_links, overlaps.shapes, robot.geometry_poses(q), strict=False
+    ):
         there = coal.Transform3s(at.rotation, at.translation)
-        for j, solid in enumerate(overlaps.shapes[first:], first):
-            between = at.act(overlaps.centers[i]) - T.act(overlaps.centers[j])
-            if np.linalg.norm(between) > overlaps.radii[i] + overlaps.radii[j] + NEAR_M:
-                continue
-            far = max(float(nearest(solid, place, overlaps.shapes[i], there).min_distance), 0.0)
-            far = 0.0 if overlaps.nested(i, j, at, T) else far
-            near[link] = min(near.get(link, NEAR_M), far)
-    return near
+        if link in arm.touch_links:
+            solids = overlaps.shapes[first:]
+            apart += [nearest(solid, place, shape, there).min_distance for solid in solids]
+    return max(float(min(apart, default=0.0)), 0.0)
 
 
 def check_search(snapshot: Snapshot, findings: Findings) -> None:
