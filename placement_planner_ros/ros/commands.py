@@ -25,6 +25,7 @@ from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
 from placement_planner_ros.ros.run.worker import Run, State, Warmth
+from placement_planner_ros.ros.spinning import survive
 
 Given = ParamSpec("Given")
 
@@ -98,12 +99,14 @@ class Commands:
         self._number += 1
         run = Run(self._number, snapshot, self._prepare, self._reporter, self._warm)
         self.run = run
-        try:
+
+        def begin() -> bool:
             self._reporter.begun(run)
             run.start()
-        except Exception as error:
-            run.fail(error)  # or it would count as active for ever
-            raise
+            return True
+
+        if not survive(begin, run.fail):  # or it would count as active for ever
+            return answer("INTERNAL", run.reason, run=run.number)
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
         if not self._inputs.robot.is_given:
             words += f" of {STAND_IN}"
@@ -149,8 +152,8 @@ class Commands:
         """What a run placed has been taken away."""
         wanted = _values(parameters, ("run",))["run"]
         padding = self._parameters.current["self_filter.padding"]
-        if not self._inputs.clouds.remove(wanted, padding):
-            placed = listed([str(n) for n in self._inputs.clouds.placed]) or "none"
+        if not self._inputs.remove(wanted, padding):
+            placed = listed([str(n) for n in self._inputs.known.placed]) or "none"
             words = f"nothing of that run stands; runs whose objects stand: {placed}"
             return answer("WRONG_RUN", words, run=wanted)
         self._reporter.environment_changed()
@@ -159,7 +162,7 @@ class Commands:
     @_when_idle
     def clear_environment(self) -> ServiceAnswer:
         """Forget accumulated points and confirmed objects."""
-        self._inputs.clouds.clear()
+        self._inputs.clear()
         self._reporter.environment_changed()
         return answer("OK", "accumulated points and confirmed objects are forgotten")
 

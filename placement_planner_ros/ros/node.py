@@ -42,7 +42,7 @@ from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
 from placement_planner_ros.ros.run.worker import State, Warmth
 from placement_planner_ros.ros.services import answer_always, serve
-from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
+from placement_planner_ros.ros.spinning import PooledExecutor, spin_until, survive
 
 SWITCH_INTERVAL_S = 3e-5
 """After which a thread yields the interpreter to one that waits, as the search does after each
@@ -121,7 +121,7 @@ class PlacementPlannerNode(ParameterNode):
         answer_always(self, self._log)
         self._log.event("ready: start and the other services are offered")
 
-    def _preparing_failed(self, error: Exception) -> None:
+    def _preparing_failed(self, error: BaseException) -> None:
         self._log.fault("preparing ahead failed; it goes on with the next inputs", error)
 
     def _end_where_robot_moved(self) -> None:
@@ -148,33 +148,38 @@ class PlacementPlannerNode(ParameterNode):
 
         Where robot and arms do not do for that, once others are given.
         """
-        unfit = True
-        while unfit and not self._closed.is_set():
-            began, given = time.monotonic(), self._movable()
-            unfit = False
-            try:
-                self._warm_up()
-            except StoppedError:
-                return
-            except PlacementPlannerError as error:
-                unfit = True
-                self._warm.failure = str(error)
-                self._log.repeats("no search is possible yet", str(error))
-            except Exception as error:
-                # The thread's outermost frame: a run meets the same, or compiles as it goes.
-                self._warm.failure = f"{type(error).__name__}: {error}"
-                self._log.fault("warming up failed; runs compile what they need as they go", error)
-            else:
-                self._warm.failure = ""
-                seconds = time.monotonic() - began
-                self._log.event(f"warm: what a search needs is loaded after {seconds:.1f} s")
+        while not self._closed.is_set():
+            given = self._movable()
+            unfit = survive(self._warm_up, self._warming_failed)
             if not self._warm.is_set():
                 self._warm.set()
                 self._preparation.start()
-            while unfit and self._movable() == given and not self._closed.wait(LOOK_S):
+            if not unfit:
+                return
+            while self._movable() == given and not self._closed.wait(LOOK_S):
                 pass
 
-    def _warm_up(self) -> None:
+    def _warming_failed(self, error: BaseException) -> None:
+        self._warm.failure = f"{type(error).__name__}: {error}"
+        self._log.fault("warming up failed; runs compile what they need as they go", error)
+
+    def _warm_up(self) -> bool:
+        """Load it; whether robot and arms do not do for that."""
+        began = time.monotonic()
+        try:
+            self._load()
+        except StoppedError:
+            return False
+        except PlacementPlannerError as error:
+            self._warm.failure = str(error)
+            self._log.repeats("no search is possible yet", str(error))
+            return True
+        self._warm.failure = ""
+        seconds = time.monotonic() - began
+        self._log.event(f"warm: what a search needs is loaded after {seconds:.1f} s")
+        return False
+
+    def _load(self) -> None:
         self._compile()
         self._inputs.robot.wait()
         robot = self._inputs.robot.robot
@@ -220,7 +225,7 @@ class PlacementPlannerNode(ParameterNode):
         """What tells robot and arms from others."""
         return self._inputs.robot.key, self._settings.current
 
-    def survive(self, error: Exception) -> None:
+    def survive(self, error: BaseException) -> None:
         """A callback raised: that must be said, but need not end the node."""
         self._log.fault("a message or a request was dropped", error)
 

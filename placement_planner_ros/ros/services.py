@@ -17,6 +17,7 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
+from placement_planner_ros.ros.spinning import survive
 
 _TRIGGERS = ("start", "stop", "confirm_placed", "clear_environment")
 _WITH_PARAMETERS = ("start_with", "stop_with", "confirm_placed_with", "remove_placed")
@@ -66,16 +67,22 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
 
     def answered(request: Any, response: Any) -> Any:
         parameters = getattr(request, "parameters", [])
-        try:
-            _require_types(parameters)
-            return respond(request, response)
-        except PlacementPlannerError as error:
-            said = refusal([error])
-        except (Exception, GeneratorExit, SystemExit) as error:
+        met: list[BaseException] = []
+
+        def respond_or_refuse() -> Any:
+            try:
+                _require_types(parameters)
+                return respond(request, response)
+            except PlacementPlannerError as error:
+                return _saying(refusal([error]), kind.Response(), len(parameters))
+
+        given = survive(respond_or_refuse, met.append)
+        for error in met:
             log.fault("a request met a fault", error)
             words = " ".join(str(error).split())
             said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
-        return _saying(said, kind.Response(), len(parameters))
+            given = _saying(said, kind.Response(), len(parameters))
+        return given
 
     def written_down(request: Any, response: Any) -> Any:
         response = answered(request, response)

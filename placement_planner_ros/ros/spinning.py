@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.executors import (
     Executor,
@@ -21,6 +21,8 @@ from rclpy.task import Task
 
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.patience import LOOK_S
+
+Made = TypeVar("Made")
 
 REST_S = 0.01
 """From handing out a callback until it is looked what else is ready. Each look takes rclpy
@@ -92,6 +94,19 @@ class PooledExecutor(Executor):
         return True
 
 
+def survive(act: Callable[[], Made], on_error: Callable[[BaseException], None]) -> Made | None:
+    """What that gives; None, once the error was told, where it raises anything at all.
+
+    For the outermost frames of the node's threads, and around what others wrote: the only place
+    where whatever is raised is caught.
+    """
+    try:
+        return act()
+    except BaseException as error:
+        on_error(error)
+        return None
+
+
 def waiting(subscription: Subscription, most: int) -> Iterator[Any]:
     """Messages that have come since, oldest first; to be taken in the subscription's callback.
 
@@ -126,7 +141,7 @@ def hand_out(executor: Executor, on_error: Callable[[Exception], None]) -> None:
 def spin_until(
     executor: Executor,
     asked: threading.Event,
-    on_error: Callable[[Exception], None] | None = None,
+    on_error: Callable[[BaseException], None] | None = None,
 ) -> None:
     """Spin until that event is set.
 
@@ -134,11 +149,9 @@ def spin_until(
         on_error: told of what a callback raises; without it, that ends the spinning.
     """
     while not asked.is_set():
-        try:
+        if on_error is None:
             executor.spin_once(timeout_sec=LOOK_S)
-        except Exception as error:
-            # The node's outermost frame. rclpy's own services raise here at a request they cannot
-            # read, and no client's mistake may end a run of another.
-            if on_error is None:
-                raise
-            on_error(error)
+        else:
+            # rclpy's own services raise here at a request they cannot read, and no client's
+            # mistake may end a run of another.
+            survive(lambda: executor.spin_once(timeout_sec=LOOK_S), on_error)

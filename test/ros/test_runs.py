@@ -110,7 +110,7 @@ def test_what_cannot_be_confirmed_is_named(bench):
         answer = b.call("confirm_placed_with", **{n: v for n, v in given.items() if v is not None})
         assert (answer.success, answer.code) == (False, "BAD_PARAMETER")
         assert next(iter(changes)) in answer.words
-    assert b.node._inputs.clouds.placed == ()
+    assert not b.node._inputs.known.placed
 
 
 def test_what_was_placed_can_be_taken_away(bench):

@@ -28,7 +28,7 @@ def placed(bench, retreats=False, **parameters):
     b.wait(lambda: b.manifests()[-1]["solution"] == "1")
     b.call("stop")
     b.wait(lambda: b.status()["state"] == "stopped")
-    b.wait(lambda: b.node._reporter._watch._looked_at is not None)
+    b.wait(lambda: b.node._reporter._watch._looked.placement is not None)
     return b
 
 
@@ -37,8 +37,8 @@ def looked_at(b):
     watching = b.node._reporter._watch
 
     def is_done():
-        newer = watching._to_look_at(watching._snapshot)
-        seen = {topic: cloud.points for topic, (cloud, _) in watching._seen.items()}
+        newer = watching._to_look_at(b.snapshots[-1])
+        seen = {topic: cloud.points for topic, (cloud, _) in watching._looked.seen.items()}
         return all(cloud.points is seen.get(topic) for topic, cloud in newer.items())
 
     b.wait(is_done)
@@ -155,8 +155,8 @@ def test_ordinary_clouds_change_nothing(resting):
 
 def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(resting):
     b = resting
-    w, grasp = b.node._reporter._watch, b.snapshots[-1].arms[0].grasps[0]
-    way = watch.way_of(w._snapshot, w._environment, w._wanted)
+    run, grasp = b.node._commands.run, b.snapshots[-1].arms[0].grasps[0]
+    way = watch.way_of(run.snapshot, run.environment, run.best)
     around = np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T
     within = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
     comes_to = (place_of(b, at=1.0, offset=grasp.act(p)) for p in within)

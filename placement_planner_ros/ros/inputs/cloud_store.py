@@ -1,4 +1,4 @@
-"""What is known of the environment: the clouds so far and the objects confirmed as placed."""
+"""What sensors have shown of the environment: the clouds so far."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.point_cloud import MAX_POINTS
-from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
@@ -114,15 +113,9 @@ class CloudStore:
         self._lock = threading.Lock()
         self._latest: dict[str, PointSet] = {}
         self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
-        self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
-        self._listener: Callable[[], None] = lambda: None
         self.updates = 0
         self.changes = 0
-
-    def listen(self, listener: Callable[[], None]) -> None:
-        """Call this whenever a cloud is taken, in the thread that brings it."""
-        self._listener = listener
 
     def add(self, cloud: PointSet) -> bool:
         """Take a cloud as the newest of its topic; False where one that arrived later is known.
@@ -144,7 +137,6 @@ class CloudStore:
             known = self._refused.pop(topic, None)
             self.updates += 1
             self.changes += not same or known is not None
-        self._listener()
         return True
 
     def merge(self, points: Array, cell_size: float) -> None:
@@ -177,38 +169,16 @@ class CloudStore:
         with self._lock:
             self._refused[topic] = error
 
-    @property
-    def placed(self) -> tuple[int, ...]:
-        """The runs whose objects stand, in the order in which they were placed."""
+    def forget(self, which: Callable[[Array], npt.NDArray[np.bool_]]) -> None:
+        """Forget those of the accumulated points (n, 3) for which that is true, (n,)."""
         with self._lock:
-            return tuple(self._standing)
-
-    def confirm(self, run: int, thing: StandingObject) -> None:
-        """What that run placed stands there now, and nowhere else."""
-        with self._lock:
-            self._standing.pop(run, None)
-            self._standing[run] = thing
+            self._merged = self._merged.without(which(self._merged.points))
             self.changes += 1
-
-    def remove(self, run: int, padding: float) -> bool:
-        """Forget what that run placed, and points accumulated in it; whether it stood.
-
-        Args:
-            padding: of the object, within which points are taken for its own, metres.
-        """
-        with self._lock:
-            thing = self._standing.pop(run, None)
-            if thing is None:
-                return False
-            self._merged = self._merged.without(thing.holds(self._merged.points, padding))
-            self.changes += 1
-            return True
 
     def clear(self) -> None:
-        """Forget accumulated points and confirmed objects."""
+        """Forget accumulated points."""
         with self._lock:
             self._merged = MergedPoints.of(np.empty((0, 3)), 1.0)
-            self._standing.clear()
             self.changes += 1
 
     def ages(self, now: float) -> dict[str, float]:
@@ -270,7 +240,7 @@ class CloudStore:
         return faults
 
     def parts(self, mode: str) -> tuple[PointSet, ...]:
-        """Every point set that makes up the environment.
+        """Every point set of what sensors have shown.
 
         Accumulated points come without an origin, as they were seen from several.
 
@@ -281,5 +251,4 @@ class CloudStore:
             sets = [*self._latest.values()]
             if mode == "merge":
                 sets.append(PointSet(self._merged.points))
-            sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
         return tuple(part for part in sets if len(part.points))

@@ -33,13 +33,12 @@ from placement_planner_ros.ros.inputs.furniture import (
 )
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects
-from placement_planner_ros.ros.inputs.known_surface import KnownSurface
+from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import DescriptionError, RobotInput
-from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -190,7 +189,7 @@ class Inputs:
             robot = self.robot.robot
         except PlacementPlannerError:
             robot = None
-        changes = self.clouds.changes + self.known.changes
+        changes = self.clouds.changes + self.known.changes, tuple(self.known.placed.values())
         return changes, self.joints.positions(), self.object.key, robot, parameters
 
     def fixed_links(
@@ -206,7 +205,7 @@ class Inputs:
         return fixed_links(robot, ends | {a.tip_frame for a in arms}, parameters[WORLD_LINKS])
 
     def known_surfaces(self, robot: Robot, parameters: ParameterSet) -> tuple[KnownSurface, ...]:
-        """The known objects, in the planning frame.
+        """The known objects, and what was placed, in the planning frame.
 
         Raises:
             PlacementPlannerError: one is unusable, being read, or in a frame that nobody knows.
@@ -223,7 +222,25 @@ class Inputs:
 
     def confirm(self, run: int, body: Body, T_world_object: pin.SE3) -> None:
         """What the run placed stands there: its surface is part of the environment now."""
-        self.clouds.confirm(run, StandingObject.at(body, T_world_object))
+        self.known.confirm(run, PlacedBody.at(body, T_world_object))
+
+    def remove(self, run: int, padding: float) -> bool:
+        """Forget what that run placed, and points accumulated in it; whether it stood.
+
+        Args:
+            padding: of the object, within which points are taken for its own, metres.
+        """
+        thing = self.known.remove(run)
+        if thing is None:
+            return False
+        self.clouds.forget(lambda points: thing.holds(points, padding))
+        return True
+
+    def clear(self) -> None:
+        """Forget accumulated points and what was placed."""
+        self.clouds.clear()
+        for run in self.known.placed:
+            self.known.remove(run)
 
     def _age(self, message: PointCloud2) -> float:
         """Seconds since the cloud was taken, by its stamp; 0 without one."""

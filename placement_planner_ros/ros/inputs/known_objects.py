@@ -1,4 +1,4 @@
-"""Things that are known without a cloud, as `~/known_objects` tells of them."""
+"""Things that are known without a cloud: as `~/known_objects` tells of them, or placed by a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.known_surface import KnownSurface
+from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, read_kept
 from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.inputs.reading import Reading
@@ -70,13 +70,14 @@ class _Thing:
 
 
 class KnownObjects:
-    """Things by namespace and id. Safe to use from several threads.
+    """Things by namespace and id, and bodies that were placed. Safe to use from several threads.
 
     Args:
         files: finds mesh files.
 
     Attributes:
-        changes: how often they became other ones.
+        changes: how often the things of `~/known_objects` became other ones.
+        placed: what was placed by the number of its run, in that order; replaced as a whole.
     """
 
     def __init__(self, files: Files) -> None:
@@ -85,6 +86,7 @@ class KnownObjects:
         self._things: dict[Name, _Thing] = {}
         self.reading: Reading[Array] = Reading(TOPIC, KnownObjectError)
         self.changes = 0
+        self.placed: dict[int, PlacedBody] = {}
 
     def __len__(self) -> int:
         return len(self._things)
@@ -115,8 +117,21 @@ class KnownObjects:
             self._things = things
         return faults
 
+    def confirm(self, run: int, thing: PlacedBody) -> None:
+        """What that run placed stands there now, and nowhere else."""
+        with self._lock:
+            others = {n: each for n, each in self.placed.items() if n != run}
+            self.placed = {**others, run: thing}
+
+    def remove(self, run: int) -> PlacedBody | None:
+        """Forget what that run placed, and give it; None where nothing of it stands."""
+        with self._lock:
+            thing = self.placed.get(run)
+            self.placed = {n: each for n, each in self.placed.items() if n != run}
+        return thing
+
     def surfaces(self, pose_of: PoseOf) -> tuple[KnownSurface, ...]:
-        """All of them in the planning frame; the same objects as long as they are the same.
+        """All in the planning frame; the same objects as long as they are the same.
 
         Raises:
             KnownObjectError: one is unusable.
@@ -137,7 +152,7 @@ class KnownObjects:
             else:
                 surface = thing.placed[1]
             found.append(surface)
-        return tuple(found)
+        return (*found, *(each.surface for each in self.placed.values()))
 
     def _corners(self, thing: _Thing) -> Array:
         if thing.fault is not None:

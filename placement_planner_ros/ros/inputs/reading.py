@@ -11,6 +11,7 @@ from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedErro
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.patience import CLOSING_S
 from placement_planner_ros.ros.process import give_memory_back
+from placement_planner_ros.ros.spinning import survive
 
 Made = TypeVar("Made")
 State = Literal["none", "reading", "ready", "bad"]
@@ -162,27 +163,27 @@ class Reading(Generic[Made]):
                     self._thread = None
                     return
             key, job = left[-1]
-            words = ""
-            try:
-                job.made = job.read(job.stop.is_set)
-                words = self._words(job.made)
-            except PlacementPlannerError as error:
-                job.error = error
-            except MeshProcessStoppedError:
-                job.error = NotReadyError(self._field, "not read", "it was replaced")
-            except Exception as error:
-                # The thread's outermost frame: what is read comes from anywhere.
-                told = f"cannot be read: {type(error).__name__}: {error}"
-                job.error = self._refusal(self._field, "the newest", told)
-                if self._log is not None:
-                    self._log.fault(f"{self._field} cannot be read for a fault", error)
-            self.progress = ""
-            if job.error is not None:
+            met: list[BaseException] = []
+            job.made = survive(lambda: job.read(job.stop.is_set), met.append)  # noqa: B023
+            if met:
+                job.error = self._refused(met[0])
                 forget_where(job.error)
+            self.progress = ""
             job.ended.set()
             if self._log is not None and self._job(key) is job:
                 if job.error is not None:
                     self._log.repeats(f"{self._field} refused", str(job.error))
-                elif words:
+                elif job.made is not None and (words := self._words(job.made)):
                     self._log.event(words)
             give_memory_back()
+
+    def _refused(self, error: BaseException) -> PlacementPlannerError:
+        """What is told of something that could not be read; it comes from anywhere."""
+        if isinstance(error, PlacementPlannerError):
+            return error
+        if isinstance(error, MeshProcessStoppedError):
+            return NotReadyError(self._field, "not read", "it was replaced")
+        if self._log is not None:
+            self._log.fault(f"{self._field} cannot be read for a fault", error)
+        told = f"cannot be read: {type(error).__name__}: {error}"
+        return self._refusal(self._field, "the newest", told)

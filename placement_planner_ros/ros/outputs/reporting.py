@@ -66,10 +66,10 @@ class Reporter:
         self._run: Run | None = None
         self._left = ""
         self._disagreements = ""
-        self._reported: tuple[State, str, str, dict[str, str]] | None = None
+        self._reported: tuple[object, ...] = ()
         self._reported_at = -math.inf
         self._closed = False
-        self._watch = Watch(inputs.clouds, self.report, self._cannot_watch)
+        self._watch = Watch(inputs.clouds, self._cannot_watch)
         every(node, LOOK_S, self._refresh)
         every(node, 1.0, self._diagnose)
         self.report()
@@ -77,7 +77,6 @@ class Reporter:
     def begun(self, run: Run) -> None:
         """A run is about to start, in the thread of who asked for it."""
         self._outputs.clear(run.number, run.snapshot.frame)
-        self._watch.follow(run.snapshot)
         with self._lock:
             self._run, self._left, self._disagreements = run, "", ""
         self.report()
@@ -93,7 +92,6 @@ class Reporter:
         for note in notes:
             self._log.event(f"run {run.number}: {note}")
         self._outputs.environment(run.snapshot, prepared.environment)
-        self._watch.planned_in(run.snapshot, prepared.environment)
         self._disagreements = "; ".join(map(str, prepared.environment.disagreements))
         self.report()
 
@@ -101,11 +99,11 @@ class Reporter:
         """The run has found a better placement."""
         elapsed = run.elapsed
         self._outputs.solution(run.number, run.solutions, placement, elapsed, run.snapshot)
-        self._watch.placed(run.snapshot, placement)
         self._log.event(
             f"run {run.number}: solution {run.solutions} after {elapsed:.2f} s, objective "
             f"{placement.objective:.4g}, arm {placement.goal.arm}"
         )
+        self.report()
 
     def changed(self, run: Run) -> None:
         """The run is in another state."""
@@ -156,23 +154,22 @@ class Reporter:
             values["best_invalid_reason"] = why_not
             values["best_valid_known"] = str(why_not != NOT_LOOKED_AT).lower()
             values |= {} if run is None else _tried(run)
-            values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
+            values["placed"] = " ".join(map(str, self._inputs.known.placed))
             told = {"clouds_disagree": self._disagreements, "warm": warm}
             told["warm_failed_reason"] = self._warm.failure if warm == "failed" else ""
             values |= {name: words for name, words in told.items() if words} | read
             if self._closed:
                 return
-            self._reported = (state, why_not, warm, read)
+            self._reported = (state, solutions, why_not, warm, read)
             self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
     def close(self) -> None:
         """Publish nothing more; a worker that hangs may come back when the node is gone."""
-        self._watch.close()
         with self._saying:
             self._closed = True
 
-    def _cannot_watch(self, error: Exception) -> None:
+    def _cannot_watch(self, error: BaseException) -> None:
         self._log.fault("the best placement cannot be held against newer clouds", error)
 
     def _waiting(self, warm: str, inputs: str) -> str:
@@ -213,21 +210,21 @@ class Reporter:
         if run.confirmed:
             return _CARRIED_OUT
         outdated = self._left or outdated_inputs(run.snapshot, self._inputs)
-        return outdated or self._watch.blocked(best)
+        return outdated or self._watch.blocked(run.snapshot, best)
 
     def _refresh(self) -> None:
-        run, period = self._run, STATUS_PERIOD_S
-        state = State.IDLE if run is None else run.state
+        run = self._run
+        state, (solutions, best) = (
+            (State.IDLE, (0, None)) if run is None else (run.state, run.found)
+        )
         self._outputs.draw()
         if run is not None:
             self.left_start(run)
-        why_not = self._why_invalid(run, None if run is None else run.best)
-        if why_not == NOT_LOOKED_AT and self._reported is not None:
-            # What was said last is of the placement before, and still so; the watch says the rest,
-            # within a moment.
-            why_not, period = self._reported[1], 2.0 * STATUS_PERIOD_S
-        due = time.monotonic() - self._reported_at >= period
-        now = (state, why_not, self._warm.shown, self._read())
+            if best is not None and run.environment is not None and not run.confirmed:
+                self._watch.look(run.snapshot, run.environment, best)
+        due = time.monotonic() - self._reported_at >= STATUS_PERIOD_S
+        why_not = self._why_invalid(run, best)
+        now = (state, solutions, why_not, self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 

@@ -25,6 +25,7 @@ from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
+from placement_planner_ros.ros.spinning import survive
 
 CORE_SHARE = 0.25
 """Of one core that preparing ahead takes at most, on average."""
@@ -98,7 +99,7 @@ class Preparation:
         self,
         inputs: Inputs,
         idle: Callable[[], bool],
-        on_error: Callable[[Exception], None] = lambda _: None,
+        on_error: Callable[[BaseException], None] = lambda _: None,
         calls: CallPriority | None = None,
     ) -> None:
         self._calls = calls or CallPriority()
@@ -156,20 +157,18 @@ class Preparation:
         Returns:
             Whether none are missing.
         """
-        try:
-            state, take_snapshot = self._inputs()
-            if state == self._seen:
-                return True
-            snapshot = take_snapshot()
-            if snapshot is None:
-                return False
-            if self.ahead(snapshot):
-                self._seen = state
-        except Exception as error:
-            # Whatever is raised: a run that comes meets the same, and tells it; what comes after
-            # that run must find its environment ready again.
-            self._on_error(error)
-        return True
+        # Whatever is raised: a run that comes meets the same, and tells it; what comes after that
+        # run must find its environment ready again.
+        return survive(self._look, self._on_error) is not False
+
+    def _look(self) -> bool:
+        state, take_snapshot = self._inputs()
+        if state == self._seen:
+            return True
+        snapshot = take_snapshot()
+        if snapshot is not None and self.ahead(snapshot):
+            self._seen = state
+        return snapshot is not None
 
     def ahead(self, snapshot: Snapshot) -> bool:
         """Prepare for a run that may come, in this thread; its errors are left to that run.

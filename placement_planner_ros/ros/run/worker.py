@@ -13,11 +13,13 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
 from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.patience import LOOK_S
 from placement_planner_ros.ros.run.preparation import Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.spinning import survive
 
 
 class State(enum.StrEnum):
@@ -99,6 +101,7 @@ class Run:
         found: how many placements were published, and the last of them; None before the first.
         poses: T_world_object of each of them, by their numbers.
         confirmed: whether one of them has been carried out.
+        planner, environment: what it plans with and in; None while they are prepared.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Run:
         self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
         self.planner: PlacementPlanner | None = None
+        self.environment: Environment | None = None
         self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
@@ -248,13 +252,9 @@ class Run:
         self._observer.changed(self)
 
     def _work(self) -> None:
-        try:
-            outcome = self._search()
-        except BaseException as error:
-            # The thread's outermost frame: an objective plug-in may raise anything, and whatever
-            # it is must end this run only.
-            self.fail(error)
-        else:
+        # An objective plug-in may raise anything, and whatever it is must end this run only.
+        outcome = survive(self._search, self.fail)
+        if outcome is not None:
             self._become(outcome)
 
     def _prepared(self) -> Prepared:
@@ -280,7 +280,7 @@ class Run:
             if self._ending is None:
                 raise
             return self._ending
-        self.planner = prepared.planner
+        self.planner, self.environment = prepared.planner, prepared.environment
         with self._publishing:
             if self._ending is None:
                 self.state = State.SEARCHING

@@ -24,15 +24,15 @@ def test_what_was_placed_becomes_part_of_the_environment_and_is_taken_away(fed, 
     assert planner.confirm_placed() == solution.run
     assert fed.call("remove_placed", run=solution.run).success
     assert planner.confirm_placed(solution) == solution.run
-    assert fed.node._inputs.clouds.placed == (solution.run,)
+    assert list(fed.node._inputs.known.placed) == [solution.run]
     planner.remove_placed(solution)
-    assert not fed.node._inputs.clouds.placed
+    assert not fed.node._inputs.known.placed
     with pytest.raises(PlacementError) as raised:
         planner.remove_placed(solution.run)
     assert (raised.value.code, raised.value.run) == ("WRONG_RUN", solution.run)
     planner.confirm_placed(solution)
     planner.clear_environment()
-    assert not fed.node._inputs.clouds.placed
+    assert not fed.node._inputs.known.placed
 
 
 def test_another_solution_is_confirmed_where_it_was_measured(fed, planner, solution, monkeypatch):

@@ -15,7 +15,7 @@ from placement_planner_ros.ros.inputs.cloud_store import (
     PointSet,
 )
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
-from placement_planner_ros.ros.inputs.standing_object import StandingObject
+from placement_planner_ros.ros.inputs.known_surface import PlacedBody
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 B = np.array([[5.0, 0.0, 0.0]])
@@ -29,7 +29,7 @@ def standing(x, angle=0.0):
     """A cube of 0.1 m whose centre is at (x, 0, 0)."""
     cube = trimesh.creation.box((0.1, 0.1, 0.1))
     T = pin.SE3(pin.utils.rotate("z", angle), np.array([x, 0.0, 0.0]))
-    return StandingObject.at(Body.from_mesh(cube.vertices, cube.faces), T)
+    return PlacedBody.at(Body.from_mesh(cube.vertices, cube.faces), T)
 
 
 def snapshot_of(store, mode, max_age, now):
@@ -121,50 +121,18 @@ def test_a_refused_cloud_is_a_fault_until_a_good_one_comes():
     assert snapshot_of(store, "latest", 0.0, 0.0)
 
 
-def test_confirmed_objects_stay_until_cleared():
-    store = CloudStore(["points"])
-    store.add(cloud("points", A, 0.0))
-    thing = standing(0.0)
-    store.confirm(7, thing)
-    assert len(points_of(snapshot_of(store, "latest", 0.0, 0.0))) == 2 + len(thing.points)
-    store.clear()
-    assert len(points_of(snapshot_of(store, "latest", 0.0, 0.0))) == 2
-    assert store.placed == ()
-
-
-def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
-    store = CloudStore(["points"])
-    store.add(cloud("points", A, 0.0))
-    here, there = standing(0.0), standing(3.0)
-    store.confirm(7, here)
-    store.confirm(9, here)
-    store.confirm(7, there)
-    assert store.placed == (9, 7)
-    points = points_of(snapshot_of(store, "latest", 0.0, 0.0))
-    assert len(points) == 2 + len(here.points) + len(there.points)
-    assert store.remove(9, 0.0)
-    assert not store.remove(9, 0.0)
-    assert store.placed == (7,)
-    np.testing.assert_array_equal(
-        points_of(snapshot_of(store, "latest", 0.0, 0.0)), np.vstack([A, there.points])
-    )
-
-
-def test_points_accumulated_in_a_removed_object_go_with_it():
+def test_points_accumulated_in_what_is_removed_go_with_it():
     store = CloudStore(["points"])
     store.add(cloud("points", B, 0.0))
     # Turned by 45 degrees about z, the cube of 0.1 m reaches 0.0707 m along x.
     store.merge(
         np.array([[3.0, 0.0, 0.0], [3.068, 0.0, 0.0], [3.05, 0.05, 0.0], [3.08, 0, 0]]), 0.01
     )
-    store.confirm(7, standing(3.0, np.pi / 4))
-    assert store.remove(7, 0.0)
-    left = snapshot_of(store, "merge", 0.0, 0.0)[-1].points
-    np.testing.assert_array_equal(left, [[3.05, 0.05, 0.0], [3.08, 0.0, 0.0]])
-    store.confirm(7, standing(3.0, np.pi / 4))
-    assert store.remove(7, 0.01)
-    left = snapshot_of(store, "merge", 0.0, 0.0)[-1].points
-    np.testing.assert_array_equal(left, [[3.05, 0.05, 0.0]])
+    for padding, kept in ((0.0, [[3.05, 0.05, 0.0], [3.08, 0.0, 0.0]]), (0.01, [[3.05, 0.05, 0]])):
+        cube = standing(3.0, np.pi / 4)
+        store.forget(lambda points: cube.holds(points, padding))  # noqa: B023
+        left = snapshot_of(store, "merge", 0.0, 0.0)[-1].points
+        np.testing.assert_array_equal(left, kept)
 
 
 def test_clouds_without_a_point_are_no_environment():
@@ -178,11 +146,9 @@ def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
     store = CloudStore(["points"])
     store.add(cloud("points", A, 0.0, np.array([0.0, 0.0, 1.0])))
     store.merge(A, 0.01)
-    store.confirm(7, standing(0.0))
-    newest, merged, confirmed = snapshot_of(store, "merge", 0.0, 0.0)
+    newest, merged = snapshot_of(store, "merge", 0.0, 0.0)
     assert newest.origin.tolist() == [0.0, 0.0, 1.0]
     assert merged.origin is None
-    assert confirmed.origin is None
 
 
 def meanwhile(monkeypatch, act):
@@ -229,7 +195,6 @@ def test_what_threads_share_is_changed_with_the_lock_held_only():
     for points in (A, B):
         store.add(cloud("points", points, 0.0))
         store.merge(points, 0.01)
-        store.confirm(7, standing(0.0))
-        store.remove(7, 0.0)
+        store.forget(lambda points: points[:, 0] > 1.0)
     store.clear()
     assert store.updates == 2

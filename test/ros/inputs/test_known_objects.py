@@ -8,8 +8,10 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects
+from placement_planner_ros.ros.inputs.known_surface import PlacedBody
 from placement_planner_ros.ros.inputs.resources import Files
 
 LOW, HIGH = np.full(3, -3.0), np.full(3, 3.0)
@@ -123,3 +125,19 @@ def test_what_is_told_again_is_no_change():
     assert known.surfaces(lambda frame: pin.SE3.Identity())[0] is surface
     known.take(MarkerArray(markers=[marker(Marker.CUBE, at=(0.0, 0.0, 0.1))]))
     assert known.changes > changes
+
+
+def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
+    known, _ = told(marker(Marker.CUBE, (0.2, 0.2, 0.2)))
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    body = Body.from_mesh(cube.vertices, cube.faces)
+    here, there = (
+        PlacedBody.at(body, pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))) for x in (0.0, 2.0)
+    )
+    for run, thing in ((7, here), (9, here), (7, there)):
+        known.confirm(run, thing)
+    assert list(known.placed) == [9, 7]
+    assert [p.mean(axis=0)[0].round(3) for p in points_of(known)] == [0.0, 0.0, 2.0]
+    assert known.remove(9) is here
+    assert known.remove(9) is None
+    assert list(known.placed) == [7]

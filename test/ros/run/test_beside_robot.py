@@ -11,7 +11,7 @@ from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.ros.inputs.furniture import fixed_links
-from placement_planner_ros.ros.inputs.standing_object import StandingObject
+from placement_planner_ros.ros.inputs.known_surface import PlacedBody, surface_points
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.preparation import make_planner
@@ -67,7 +67,7 @@ def rod_beside(snapshot, gap):
 
 def own_points(snapshot, deviation=0.0):
     """What a camera would see of the object in its first grasp."""
-    points = StandingObject.at(snapshot.body, pose_in_hand(snapshot)).points
+    points = surface_points(PlacedBody.at(snapshot.body, pose_in_hand(snapshot)).surface.corners)
     return points + np.random.default_rng(0).normal(0.0, deviation, points.shape)
 
 

@@ -77,7 +77,7 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             find(b, browser, "now: retreat")
             browser.press("Confirm as placed")
             find(b, browser, "put down already")
-            assert list(b.node._inputs.clouds.placed) == [1]
+            assert list(b.node._inputs.known.placed) == [1]
             browser.unfold("Parameters of the next start")
             volume = "0.2 -0.3 -0.1 0.6 0.3 0.2"
             b.wait(lambda: volume in browser.fields, again=b.feed)

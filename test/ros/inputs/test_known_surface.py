@@ -1,4 +1,4 @@
-"""The points that stand for an object that was placed."""
+"""The points that stand for what is known exactly."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,8 +6,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.ros.inputs.standing_object import SPACING, StandingObject
+from placement_planner_ros.ros.inputs.known_surface import SPACING_M, surface_points
 
 ROD = trimesh.creation.cylinder(radius=0.001, height=1.5, sections=64)
 
@@ -22,13 +21,12 @@ ROD = trimesh.creation.cylinder(radius=0.001, height=1.5, sections=64)
     ids=["large", "fine", "rod"],
 )
 def test_no_place_on_its_surface_is_far_from_all_points_and_they_are_not_too_many(mesh, most):
-    body = Body.from_mesh(mesh.vertices, mesh.faces)
     T = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 1.0), np.array([0.5, 0.1, -0.4]))
-    points = StandingObject.at(body, T).points
+    points = surface_points(mesh.triangles @ T.rotation.T + T.translation)
     assert len(points) < most
     surface, _ = trimesh.sample.sample_surface(mesh, 5000, seed=1)
     far, _ = cKDTree(points).query(surface @ T.rotation.T + T.translation)
-    assert far.max() < 0.7 * SPACING
+    assert far.max() < 0.7 * SPACING_M
     corners = mesh.vertices @ T.rotation.T + T.translation
     np.testing.assert_allclose(points.min(axis=0), corners.min(axis=0), atol=2e-5)
     np.testing.assert_allclose(points.max(axis=0), corners.max(axis=0), atol=2e-5)
@@ -39,10 +37,7 @@ def test_of_triangles_of_any_shape_none_has_a_gap():
     for _ in range(60):
         size = 10.0 ** rng.uniform(-2.5, -0.3, size=3)
         corners = rng.normal(size=(3, 3)) * size
-        beside = np.vstack([corners, corners.mean(axis=0) + 0.001])  # a body has some volume
-        mesh = trimesh.Trimesh(beside, [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]], process=False)
-        held = Body.from_mesh(mesh.vertices, mesh.faces)
-        points = StandingObject.at(held, pin.SE3.Identity()).points
+        points = surface_points(corners[None])
         shares = rng.dirichlet([1.0, 1.0, 1.0], 2000)
         far, _ = cKDTree(points).query(shares @ corners)
-        assert far.max() < SPACING
+        assert far.max() < SPACING_M
