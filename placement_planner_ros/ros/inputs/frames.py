@@ -20,10 +20,6 @@ class CloudFrameError(PlacementPlannerError):
     code = "CLOUD_FRAME"
 
 
-class ChainMovingError(CloudFrameError):
-    """A cloud was taken while joints that move its sensor moved."""
-
-
 OPTICAL = "optical_frame"
 """How the name of a camera's frame ends whose z looks forward, x right and y down (REP 103)."""
 FORWARD_SHARE = 0.9
@@ -31,7 +27,7 @@ FORWARD_SHARE = 0.9
 
 JointValues = Callable[[Sequence[str]], Mapping[str, float]]
 """Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
-knows."""
+knows, or they have moved since."""
 
 
 def cloud_pose(

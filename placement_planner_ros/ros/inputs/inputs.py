@@ -19,7 +19,6 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.inputs.frames import (
-    ChainMovingError,
     CloudFrameError,
     cloud_pose,
     is_eye,
@@ -45,11 +44,15 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 
 
 class _Received(NamedTuple):
-    """A cloud that came, taken at a time by the steady clock; arrivals grow."""
+    """A cloud that came, taken at a time by the steady clock; arrivals grow.
+
+    Where its frame is said to be by a parameter, `declared` is that pose once it was taken in.
+    """
 
     message: PointCloud2
     taken: float
     arrival: int
+    declared: pin.SE3 | None = None
 
 
 class Inputs:
@@ -84,7 +87,6 @@ class Inputs:
         self._lock = threading.Lock()
         self._known_joints: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
         self._waiting: dict[str, _Received] = {}
-        self._declared: dict[str, tuple[_Received, pin.SE3]] = {}
         self._arrivals = 0
         self._frames: dict[str, str] = {}
         self.turned: dict[str, str] = {}
@@ -115,28 +117,24 @@ class Inputs:
 
         Raises:
             PlacementPlannerError: it is malformed, or nobody knows its frame, or the robot yet. A
-                cloud whose frame or robot is unknown is tried again at the next snapshot. One that
-                is not merged as its sensor was moving is left out without a word where the topic
-                has delivered before.
+                cloud whose frame or robot is unknown is tried again at the next snapshot. One whose
+                sensor the robot has moved since is left out, without a word where the topic has
+                delivered before.
         """
         with self._lock:
             self._frames[topic] = message.header.frame_id
             self._waiting.pop(topic, None)
-            self._declared.pop(topic, None)
             self._arrivals += 1
             arrival = self._arrivals
         received = _Received(message, time.monotonic() - self._age(message), arrival)
         try:
             self._store(topic, received, parameters, wait=True)
-        except ChainMovingError:
-            if topic not in self.clouds.ages(0.0):
-                raise
         except (CloudFrameError, NotReadyError, DescriptionError) as error:
-            # Once the joints are at rest again, nobody knows where they were without a stamp.
-            moved = isinstance(error.__cause__, RobotMovingError)
-            if not (moved and _seconds(message.header.stamp) is None):
+            if not isinstance(error.__cause__, RobotMovingError):
                 with self._lock:
                     self._waiting[topic] = received
+            elif topic in self.clouds.ages(0.0):
+                return
             raise
 
     def retry_clouds(self, parameters: ParameterSet) -> None:
@@ -145,12 +143,11 @@ class Inputs:
         And anew those whose sensor is said to be elsewhere since, but for what was merged.
         """
         with self._lock:
-            for topic, (received, pose) in self._declared.items():
-                now = parameters.sensor_pose(self._frames[topic])
-                if now is not None and now != pose:
-                    self._waiting.setdefault(topic, received)
             waiting = dict(self._waiting)
         for topic, received in waiting.items():
+            said = parameters.sensor_pose(self._frames[topic])
+            if received.declared is not None and said in (None, received.declared):
+                continue
             error = None
             try:
                 self._store(topic, received, parameters)
@@ -258,56 +255,37 @@ class Inputs:
     def _store(
         self, topic: str, received: _Received, parameters: ParameterSet, *, wait: bool = False
     ) -> None:
-        message, taken, arrival = received
+        message, taken, arrival, _ = received
         robot, header = self.robot.robot, message.header
         frame = header.frame_id.removeprefix(parameters["frame_prefix"])
-        merged = parameters["cloud.mode"] == "merge"
-        T_planning_cloud = self._frame_pose(
-            frame, header.stamp, robot, parameters, still=merged, wait=wait
-        )
+        T_planning_cloud = self._frame_pose(frame, header.stamp, robot, parameters, wait=wait)
         points = points_from_message(message, T_planning_cloud)
         self._frames[topic] = frame
         self.turned[topic] = turned_axes(frame, points, T_planning_cloud)
         eye = is_eye(frame, message.height, parameters)
         origin = np.array(T_planning_cloud.translation) if eye else None
         self.clouds.add(PointSet(points, origin, False, topic, taken, arrival))
-        if parameters.sensor_pose(frame) is not None and not merged:
-            with self._lock:  # which may be told to be elsewhere
-                self._declared[topic] = received, T_planning_cloud
-        if merged:
+        if parameters["cloud.mode"] == "merge":
             if origin is not None:  # once among others, they cannot be told any more
                 points = points[~flying_pixels(points, origin)]
             self.clouds.merge(points, parameters["cloud.cell_size"])
+        elif parameters.sensor_pose(frame) is not None:
+            with self._lock:  # it may be told to be elsewhere
+                self._waiting[topic] = received._replace(declared=T_planning_cloud)
 
     def _frame_pose(
-        self,
-        frame: str,
-        stamp: Time,
-        robot: Robot,
-        parameters: ParameterSet,
-        *,
-        still: bool = False,
-        wait: bool = False,
+        self, frame: str, stamp: Time, robot: Robot, parameters: ParameterSet, *, wait: bool = False
     ) -> pin.SE3:
         """T_planning_frame at a stamp; see `cloud_pose`.
 
         Args:
-            still: whether what carries it must have been at rest.
             wait: a little for its transform.
         """
-        seconds = _seconds(stamp)
 
         def joints(names: Sequence[str]) -> dict[str, float]:
             rest_speed, timeout = parameters["rest_speed"], parameters["joint_state_timeout"]
-            moving = self.joints.moving(names, seconds, rest_speed) if still else []
-            if moving:
-                words = (
-                    f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
-                    "are not merged; publish one from where the sensor stands still"
-                )
-                raise ChainMovingError("cloud frame_id", frame, words)
             now, assumed = time.monotonic(), parameters.assumed_joints
-            return self.joints.at(names, seconds, now, timeout, rest_speed, assumed)
+            return self.joints.at(names, _seconds(stamp), now, timeout, rest_speed, assumed)
 
         def transform(name: str) -> pin.SE3 | None:
             tf = self._transforms

@@ -10,7 +10,7 @@ from math import isfinite
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.joint_past import HISTORY_S, WINDOW_S, JointPast, Sample
+from placement_planner_ros.ros.inputs.joint_past import WINDOW_S, JointPast, Sample
 
 PUBLISH = "publish these joints too, or set assumed_joints"
 """What to do about joints that nobody publishes."""
@@ -29,12 +29,11 @@ class RobotMovingError(PlacementPlannerError):
 
 
 class JointStates:
-    """The newest value of each joint, and where it was before. Safe to use from several threads.
+    """The newest value of each joint, and what it did lately. Safe to use from several threads.
 
-    How old a value is and whether the robot is at rest is told by a steady clock, passed in as
-    `now`, whatever clocks the stamps are of. A value whose stamp is older than that of one before
-    it is the newest only where nothing newer came within `joint_past.WINDOW_S`: then that clock
-    was set back.
+    How old a value is is told by a steady clock, passed in as `now`, whatever clocks the stamps are
+    of. A value whose stamp is older than that of one before it counts only where nothing newer came
+    within `joint_past.WINDOW_S`: then that clock was set back.
 
     The past of a joint without end stops is kept in turns that go on from each other, whatever
     turns its values are reported in: one that rests where they wrap is at rest.
@@ -44,8 +43,8 @@ class JointStates:
         self._lock = threading.RLock()
         self._continuous: frozenset[str] = frozenset()
         self._newest: dict[str, float] = {}
-        self._heard: dict[str, JointPast] = {}  # by the steady clock
-        self._past: dict[str, JointPast] = {}  # by the stamps
+        self._heard_at: dict[str, float] = {}
+        self._past: dict[str, JointPast] = {}
 
     def update(
         self,
@@ -66,11 +65,7 @@ class JointStates:
         taken, bad = _positions(names, positions)
         with self._lock:
             for name, position in taken.items():
-                turned = self._going_on(name, position)
-                sample = Sample(now if stamp is None else stamp, turned)
-                if self._is_newest(name, sample, now):
-                    self._newest[name] = position
-                    self._heard.setdefault(name, JointPast()).add(Sample(now, turned))
+                self._take(name, position, now if stamp is None else stamp, now)
         if bad is not None:
             raise bad
 
@@ -82,7 +77,7 @@ class JointStates:
         """
         with self._lock:
             self._continuous = frozenset(continuous)
-            for known in (self._newest, self._heard, self._past):
+            for known in (self._newest, self._heard_at, self._past):
                 for name in [name for name in known if name not in names]:
                     del known[name]
 
@@ -95,54 +90,43 @@ class JointStates:
         rest_speed: float,
         assumed: Mapping[str, float],
     ) -> dict[str, float]:
-        """Where joints were at a stamp, rad or m.
-
-        Where that is not known, as without a stamp, it is where they are now, if they have been at
-        rest since.
+        """Where joints were at a stamp, rad or m: where they are now, if they have rested since.
 
         Args:
-            timeout: age from which on what is newest now is stale, seconds.
+            stamp: of a cloud, say; None: at rest now.
+            timeout: age from which on a value is stale, seconds.
             rest_speed: rad/s or m/s up to which a joint is at rest.
             assumed: values of joints that nobody publishes.
 
         Raises:
             JointStateError: a joint has never been heard of.
-            JointsStaleError: the newest value is older than the stamp, and too old.
-            RobotMovingError: a joint moved, and where it was is not known.
+            JointsStaleError: a value is too old.
+            RobotMovingError: a joint has moved since.
         """
         with self._lock:
             pasts = {name: self._past[name] for name in joints if name in self._past}
             missing = [name for name in joints if name not in pasts and name not in assumed]
             if missing:
                 raise JointStateError("joint_states: missing", missing, PUBLISH)
-            self._require_fresh(
-                [n for n, past in pasts.items() if stamp is None or stamp > past.newest],
-                now,
-                timeout,
-            )
-            values = {name: past.at(stamp, rest_speed) for name, past in pasts.items()}
-        unknown = [name for name, value in values.items() if value is None]
-        if unknown:
-            when = "without a stamp" if stamp is None else "then"
-            raise RobotMovingError(
-                "joint_states: where the joints were",
-                unknown,
-                f"is not known {when}, and they moved; known are the last {HISTORY_S:g} s of "
-                "stamps: stamp clouds and joint states by the same clock, or keep the robot still",
-            )
-        known = {name: value for name, value in values.items() if value is not None}
-        return {name: known.get(name, assumed.get(name, 0.0)) for name in joints}
-
-    def moving(self, joints: Iterable[str], stamp: float | None, rest_speed: float) -> list[str]:
-        """Those of these joints that were faster than that at a stamp; without one, are now."""
-        with self._lock:
-            pasts = self._heard if stamp is None else self._past
-            return [
+            self._require_fresh(pasts, now, timeout)
+            moved = [
                 name
-                for name in joints
-                if (past := pasts.get(name)) is not None
-                and past.moves(past.newest if stamp is None else stamp, rest_speed)
+                for name, past in pasts.items()
+                if past.moves(rest_speed) or (stamp is not None and not past.rested_since(stamp))
             ]
+            if moved:
+                raise RobotMovingError(
+                    "joint_states: moved since then",
+                    moved,
+                    "publish clouds from where the sensor stands still, stamped by the clock of "
+                    "the joint states",
+                )
+            return {n: pasts[n].newest.position if n in pasts else assumed[n] for n in joints}
+
+    def moving(self, joints: Iterable[str], rest_speed: float) -> list[str]:
+        """Those of these joints that are faster than that, rad/s or m/s."""
+        with self._lock:
+            return [n for n in joints if n in self._past and self._past[n].moves(rest_speed)]
 
     def positions(self) -> dict[str, float]:
         """Newest value of each joint as it was reported, rad or m."""
@@ -152,7 +136,7 @@ class JointStates:
     def age(self, now: float) -> float:
         """Seconds since any joint was heard of; infinite before the first."""
         with self._lock:
-            return now - max((each.newest for each in self._heard.values()), default=-math.inf)
+            return now - max(self._heard_at.values(), default=-math.inf)
 
     def stale(self, joints: Iterable[str], now: float, timeout: float) -> dict[str, float]:
         """Those of these joints whose newest value is older than `timeout`, with its age; seconds.
@@ -160,7 +144,7 @@ class JointStates:
         Joints that have never been heard of are none of them.
         """
         with self._lock:
-            ages = {n: now - self._heard[n].newest for n in joints if n in self._heard}
+            ages = {n: now - self._heard_at[n] for n in joints if n in self._heard_at}
         return {name: age for name, age in ages.items() if age > timeout}
 
     def resting(
@@ -190,7 +174,7 @@ class JointStates:
         except JointStateError as error:
             raise JointStateError(error.field, error.value, PUBLISH) from None
         self._require_fresh({*robot.needed_joints, *matter}, now, timeout)
-        moving = self.moving(matter, None, rest_speed)
+        moving = self.moving(matter, rest_speed)
         if moving:
             words = (
                 f"start when the robot is at rest: no joint faster than rest_speed = {rest_speed:g}"
@@ -198,24 +182,23 @@ class JointStates:
             raise RobotMovingError("joint_states", moving, words)
         return q
 
-    def _going_on(self, name: str, position: float) -> float:
-        """A position in the turn next to the newest of a joint without end stops. Lock held."""
-        if name not in self._continuous or name not in self._heard:
-            return position
-        last = self._heard[name].latest
-        return last + math.remainder(position - last, 2.0 * math.pi)
-
-    def _is_newest(self, name: str, sample: Sample, now: float) -> bool:
-        """Remember a value; whether it is the joint's newest. Lock held."""
+    def _take(self, name: str, position: float, stamp: float, now: float) -> None:
+        """Take in a joint's value, unless a newer one is known; lock held."""
         past = self._past.get(name)
+        if past is not None and stamp < past.newest.time:
+            if now - self._heard_at[name] < WINDOW_S:
+                return  # it comes late
+            past = None
+        turned = position
+        if past is not None and name in self._continuous:
+            last = past.newest.position
+            turned = last + math.remainder(position - last, 2.0 * math.pi)
+        sample = Sample(stamp, turned)
         if past is None:
-            past = self._past[name] = JointPast()
-        late = sample.time < past.newest
-        if late and now - self._heard[name].newest >= WINDOW_S:
-            late = False
-            past.forget()
-        past.add(sample)
-        return not late
+            self._past[name] = JointPast(sample)
+        else:
+            past.add(sample)
+        self._newest[name], self._heard_at[name] = position, now
 
     def _require_fresh(self, joints: Iterable[str], now: float, timeout: float) -> None:
         """Raise a JointsStaleError that names what is older than `timeout` seconds."""

@@ -109,7 +109,7 @@ def test_only_joints_that_matter_need_rest_and_only_needed_ones_are_waited_for(y
     q = joints.resting(yumi, left, {"gripper_l_joint": 0.01}, **asked)
     assert q[yumi.index(moving)] == 0.2
     assert q[yumi.index("gripper_l_joint")] == 0.01
-    assert joints.moving(others, None, REST_SPEED) == []
+    assert joints.moving(others, REST_SPEED) == []
     with pytest.raises(RobotMovingError, match=moving):
         joints.resting(yumi, [*left, moving], {"gripper_l_joint": 0.01}, **asked)
     with pytest.raises(JointStateError, match=r"gripper_l_joint.*assumed_joints"):
@@ -144,7 +144,6 @@ def test_what_comes_late_is_not_the_newest():
     for now, stamp, value in ((1.0, 50.0, 0.0), (1.1, 50.1, 0.1), (1.15, 50.05, 0.9)):
         joints.update(["a"], [value], now, stamp)
     assert joints.positions() == {"a": 0.1}
-    assert at(joints, ["a"], 50.05, 1.2, 1.0) == {"a": 0.9}
     assert joints.age(1.2) == pytest.approx(0.1)
 
 
@@ -158,7 +157,7 @@ def test_a_clock_that_is_set_back_begins_a_new_history(back):
         joints.update(["a"], [0.1 * i], now, stamp)
         assert joints.age(now) < 0.35
     assert joints.positions() == {"a": 0.1 * 399}
-    assert at(joints, ["a"], 5000.0 + 3.5 - back, 4.0, 1.0)["a"] == pytest.approx(35.0)
+    assert joints.moving(["a"], REST_SPEED) == ["a"]
 
 
 def test_one_stamp_from_the_future_is_forgotten():
@@ -176,16 +175,17 @@ def test_where_joints_were_is_told_or_why_not():
         at(joints, ["b"], None, 0.0, 1.0)
     for i in range(100):
         joints.update(["a", "b"], [0.01 * i, 0.0], i * 0.01, 100.0 + i * 0.01)
-    assert at(joints, ["a", "b"], 100.505, 1.0, 1.0) == pytest.approx({"a": 0.505, "b": 0.0})
-    for stamp in (None, 99.0, 101.0):
+    for stamp in (None, 99.0, 100.5, 101.0):
         with pytest.raises(RobotMovingError, match="'a'"):
             at(joints, ["a", "b"], stamp, 1.0, 1.0)
         assert at(joints, ["b"], stamp, 1.0, 1.0) == {"b": 0.0}
-    assert joints.moving(["a", "b"], 100.5, REST_SPEED) == ["a"]
+    for i in range(100, 200):
+        joints.update(["a", "b"], [1.0, 0.0], i * 0.01, 100.0 + i * 0.01)
+    assert at(joints, ["a", "b"], 101.1, 2.0, 1.0) == {"a": 1.0, "b": 0.0}
+    with pytest.raises(RobotMovingError, match="'a'"):
+        at(joints, ["a", "b"], 100.9, 2.0, 1.0)
     with pytest.raises(JointsStaleError, match="'b'"):
-        at(joints, ["b"], 105.0, 5.0, 1.0)
-    # What is known of then is known, however old it is.
-    assert at(joints, ["b"], 100.5, 5.0, 1.0) == {"b": 0.0}
+        at(joints, ["b"], 101.1, 5.0, 1.0)
 
 
 def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
@@ -203,8 +203,7 @@ def test_a_joint_without_end_stops_rests_where_its_values_wrap(yumi):
         full(joints, 9.7 + 0.1 * k, yumi_joint_6_l=value)
     q = resting(joints, yumi)
     assert q[yumi.index("yumi_joint_6_l")] == 17.0 * np.pi, "in the turns that are reported"
-    assert joints.moving(["yumi_joint_6_l"], None, REST_SPEED) == []
-    assert at(joints, ["yumi_joint_6_l"], 9.75, 10.0, 1.0)["yumi_joint_6_l"] == pytest.approx(np.pi)
+    assert joints.moving(["yumi_joint_6_l"], REST_SPEED) == []
     other = JointStates()
     other.keep(list(HOME))
     full(other, 9.8, yumi_joint_6_l=np.pi - 1e-4)
