@@ -71,7 +71,7 @@ class NodeCaller(Node):
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         status = Status.of(message)
-        self.warm = status.warm == "true"
+        self.warm = status.values["warm"] == "true"
         self.state = status.run, status.state
 
     def _on_solution(self, message: DiagnosticArray) -> None:

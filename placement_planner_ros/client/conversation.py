@@ -18,7 +18,6 @@ from std_srvs.srv import Trigger
 
 from placement_planner_ros.client.answer import Answer
 from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE, WITHDRAWN, PlacementError
-from placement_planner_ros.client.status import SEARCHING
 from placement_planner_ros.client.subscriptions import Subscriptions
 from placement_planner_ros.client.waiting import News, T
 
@@ -31,10 +30,6 @@ middleware has lost one it is sent again after some."""
 
 RETRIED_AFTER = 0.1
 """Seconds after a refusal that passes."""
-
-SILENT_FOR = 10.0
-"""Seconds without a status, of which a node that searches sends two a second, after which it
-counts as dead: its services are seen for longer than that where it was killed."""
 
 _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 """Raised where ROS has been shut down."""
@@ -71,8 +66,8 @@ class Conversation:
             name: node.create_client(kind, f"{planner}/{name}", callback_group=group)
             for name, kind in _SERVICES.items()
         }
-        self._owed: set[Future] = set()
         self._under_way = 0
+        self._left = 0  # stops that are to be sent, or answered
         self._closed = False
 
     def close(self) -> None:
@@ -110,8 +105,7 @@ class Conversation:
         """Wait until nothing is under way and the runs that were left are known to be stopped."""
 
         def settled() -> bool | None:
-            owed = self._owed and self.offered("stop_with")
-            return not (self._under_way or owed) or None
+            return not (self._under_way or (self._left and self.offered("stop_with"))) or None
 
         self.news.wait_until(settled, time.monotonic() + ANSWER_WITHIN)
 
@@ -164,8 +158,7 @@ class Conversation:
                 raise PlacementError(NO_ANSWER, self.unheard(f"{name} was not answered"))
         except BaseException:
             if name == "start_with":
-                self._owe(future, self._leave_begun)
-                self._await_owed()
+                self._leave_begun(future)
             raise
         return Answer.of(future.result())
 
@@ -190,34 +183,36 @@ class Conversation:
 
     # --- runs that nobody waits for any more
 
-    def leave(self, run: int, wait: bool = True) -> None:
+    def leave(self, run: int) -> None:
         """Stop a run, and wait until that is done or will hardly be any more."""
         with suppress(*_NOT_SENT):  # then it ends at its time limit
-            self._owe(self._send("stop_with", {"run": run}))
-            if wait:
-                self._await_owed()
+            self._await_stop(self._send("stop_with", {"run": run}))
 
     def _leave_begun(self, started: Future) -> None:
-        """Stop the run that a start has begun, if it has."""
-        response = started.result()  # None where it was cancelled
-        answer = None if response is None else Answer.of(response)
-        if answer is not None and answer.success and answer.run is not None:
-            self.leave(answer.run, wait=False)
+        """Stop the run that a start has begun, if it has; once its answer comes, if it does."""
+        stopped: Future = Future()
 
-    def _owe(self, future: Future, then: Callable[[Future], None] = lambda _: None) -> None:
-        """Have `settle` wait for that answer, and for what comes of it."""
+        def stop(started: Future) -> None:
+            response = started.result()  # None where it was cancelled
+            answer = None if response is None else Answer.of(response)
+            if answer is not None and answer.success and answer.run is not None:
+                with suppress(*_NOT_SENT):
+                    self._send("stop_with", {"run": answer.run}).add_done_callback(done)
+                    return
+            done()
 
-        def came(future: Future) -> None:
-            then(future)
-            self._owed.discard(future)
+        def done(*_: object) -> None:
+            self._left -= 1
+            stopped.set_result(True)
             self.news.tell()
 
-        self._owed.add(future)
-        future.add_done_callback(came)
+        self._left += 1
+        started.add_done_callback(stop)
+        self._await_stop(stopped)
 
-    def _await_owed(self) -> None:
+    def _await_stop(self, stopped: Future) -> None:
         self.news.wait_until(
-            lambda: not (self._owed and self.offered("stop_with")) or None,
+            lambda: stopped.done() or not self.offered("stop_with") or None,
             time.monotonic() + ANSWER_WITHIN,
         )
 
@@ -232,13 +227,6 @@ class Conversation:
         if self._closed:
             raise PlacementError(WITHDRAWN, "this client is closed; make another one")
 
-    @property
-    def silent(self) -> bool:
-        """Whether a node that was searching has said nothing for so long that it is dead."""
-        status = self.hearing.status
-        searching = status is not None and status.state == SEARCHING
-        return searching and self.hearing.silent_for >= SILENT_FOR
-
     def no_node(self, name: str, run: int | None = None) -> PlacementError:
         """Nobody offers that service."""
         full_name = self._node.resolve_service_name(self._clients[name].srv_name)
@@ -248,12 +236,12 @@ class Conversation:
         )
         return PlacementError(NO_NODE, words, run)
 
-    def unheard(self, words: str, within: float = ANSWER_WITHIN) -> str:
+    def unheard(self, words: str) -> str:
         """The words, and what may be the reason."""
         if self._node.executor is None:
             return f"{words}: nobody spins {self._node.get_fully_qualified_name()}"
         return (
-            f"{words} within {within:g} s; has the node died, or the machine too much to "
+            f"{words} within {ANSWER_WITHIN:g} s; has the node died, or the machine too much to "
             "do? Where a callback of this client's node waits, a MultiThreadedExecutor must spin it"
         )
 
@@ -267,8 +255,8 @@ def parameter_message(name: str, value: Any) -> ParameterMessage:
     plain = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(plain, Sequence) and not isinstance(plain, str | bytes):
         plain = [each.item() if hasattr(each, "item") else each for each in plain]
-        if any(isinstance(each, float) for each in plain):
-            plain = [float(each) if type(each) is int else each for each in plain]
+        if {type(each) for each in plain} == {int, float}:
+            plain = [float(each) for each in plain]
     try:
         return Parameter(name, value=plain).to_parameter_msg()
     except TypeError:

@@ -16,12 +16,7 @@ from geometry_msgs.msg import Pose
 from rclpy.node import Node
 
 from placement_planner_ros.client.answer import Answer
-from placement_planner_ros.client.conversation import (
-    ANSWER_WITHIN,
-    SILENT_FOR,
-    Conversation,
-    Value,
-)
+from placement_planner_ros.client.conversation import ANSWER_WITHIN, Conversation, Value
 from placement_planner_ros.client.errors import NO_ANSWER, PlacementError
 from placement_planner_ros.client.own_node import OwnNode
 from placement_planner_ros.client.solution import Solution
@@ -102,7 +97,7 @@ class PlacementClient:
         def ready() -> Status | None:
             talk.require_open()
             status = self.status
-            heard = status is not None and status.ready and not talk.silent
+            heard = status is not None and status.ready
             return status if heard and talk.offered("start_with") else None
 
         found = talk.news.wait_until(ready, time.monotonic() + seconds)
@@ -110,7 +105,7 @@ class PlacementClient:
             return found
         if not talk.offered("start_with"):
             raise talk.no_node("start_with")
-        if self.status is None or talk.silent:
+        if self.status is None:
             raise PlacementError(NO_ANSWER, talk.unheard("its status has not come"))
         raise PlacementError("NOT_READY", self.status.lacking)
 
@@ -154,9 +149,8 @@ class PlacementClient:
                 run = self._begin(given, end, withdrawals)
                 try:
                     self._search(run, end, until, withdrawals)
-                except BaseException as error:
-                    dead = isinstance(error, PlacementError) and error.code == NO_ANSWER
-                    self._talk.leave(run, wait=not dead)
+                except BaseException:
+                    self._talk.leave(run)
                     raise
                 try:
                     return self.stop(run)
@@ -191,10 +185,10 @@ class PlacementClient:
         hanging = answer.code == "STOPPING"
 
         def ended() -> Status | None:
-            status = self.hearing.status_of(run)
-            if status is None or not (status.ended or (hanging and status.state == STOPPING)):
+            status = self.status
+            if status is None or status.run != run:
                 return None
-            return status
+            return status if status.ended or (hanging and status.state == STOPPING) else None
 
         status = talk.hear(ended, f"how run {run} ended is not known")
         if status.state == ROBOT_MOVED:
@@ -203,11 +197,10 @@ class PlacementClient:
             code = status.code if status.ended else answer.code
             raise PlacementError(code, answer.words, run)
         number = status.solutions
-        lacking = f"solution {number} of run {run} has not come"
-        talk.hear(lambda: self.hearing.solution(run, number), lacking)
         # Its validity is as of when it is handed out, so that must be known first.
         end = time.monotonic() + KNOWN_WITHIN
         talk.news.wait_until(lambda: self.hearing.validity(run, number).known or None, end)
+        lacking = f"solution {number} of run {run} has not come"
         return talk.hear(lambda: self.hearing.solution(run, number), lacking)
 
     def confirm_placed(
@@ -307,9 +300,6 @@ class PlacementClient:
             gone_since = math.inf if talk.offered("stop_with") else min(gone_since, now)
             if now >= gone_since + GONE_AFTER:
                 raise talk.no_node("stop_with", run)
-            if of_run and talk.silent:
-                words = talk.unheard(f"no status of run {run} has come", SILENT_FOR)
-                raise PlacementError(NO_ANSWER, words, run)
             talk.news.wait(count, end)
 
     def _command(self, name: str, parameters: Mapping[str, Value]) -> Answer:

@@ -41,10 +41,8 @@ class Status:
         code: how it ended; `OK` while it has not.
         solutions: how many it has published.
         validity: of the last of them.
-        warm: `true`, `false` while kernels are loaded or compiled, or `failed`.
-        robot, object: `none`, `reading`, `ready` or `bad`.
         message: for people.
-        values: all there is, by key.
+        values: all there is, by key: `warm`, `robot` and `object` among it.
     """
 
     run: int
@@ -52,9 +50,6 @@ class Status:
     code: str
     solutions: int
     validity: Validity
-    warm: str
-    robot: str
-    object: str
     message: str
     values: Mapping[str, str]
 
@@ -70,9 +65,6 @@ class Status:
             values.get("code", ""),
             int(values.get("solutions", 0)),
             Validity(reason, values.get("best_valid_known") == "true"),
-            values.get("warm", ""),
-            values.get("robot", ""),
-            values.get("object", ""),
             message.message,
             MappingProxyType(values),
         )
@@ -90,14 +82,13 @@ class Status:
     @property
     def lacking(self) -> str:
         """What the node waits for or works on before it can begin a run, in words."""
-        lacking = []
-        if self.warm not in ("true", "failed"):
-            lacking.append(self.values.get("warm_progress") or "loading kernels")
-        lacking += [
-            f"reading the {what}: {self.values.get(f'{what}_progress', '')}"
-            for what, state in (("robot", self.robot), ("object", self.object))
-            if state == "reading"
-        ]
-        if self.values.get("inputs", "arrive") != "arrive":
-            lacking.append(f"inputs: {self.values.get('inputs', '')}")
-        return "; ".join(words.removesuffix(": ") for words in lacking)
+        values, lacking = self.values, []
+        if values.get("warm") not in ("true", "failed"):
+            lacking.append(values.get("warm_progress") or "loading kernels")
+        for what in ("robot", "object"):
+            if values.get(what) == "reading":
+                progress = values.get(f"{what}_progress", "")
+                lacking.append(f"reading the {what}{': ' if progress else ''}{progress}")
+        if values.get("inputs", "arrive") != "arrive":
+            lacking.append(f"inputs: {values['inputs']}")
+        return "; ".join(lacking)

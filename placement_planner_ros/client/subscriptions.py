@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -48,7 +46,6 @@ class Subscriptions:
         self._lock = threading.Lock()
         self._news = news
         self._status: Status | None = None
-        self._status_at = -math.inf
         self._parts: dict[str, dict[Any, Any]] = {topic: {} for topic in _PARTS}
         self._node = node
 
@@ -73,16 +70,6 @@ class Subscriptions:
         """The newest; None before the first."""
         return self._status
 
-    @property
-    def silent_for(self) -> float:
-        """Seconds since a status has come."""
-        return time.monotonic() - self._status_at
-
-    def status_of(self, run: int) -> Status | None:
-        """The newest where it is of that run, else None."""
-        status = self._status
-        return status if status is not None and status.run == run else None
-
     def newest(self, run: int) -> Solution | None:
         """The run's last solution of which all has come; None where there is none."""
         with self._lock:
@@ -98,17 +85,11 @@ class Subscriptions:
     def validity(self, run: int, number: int) -> Validity:
         """Whether that solution can still be carried out, by the newest status."""
         status = self._status
-        if status is None:
-            return Validity("no status of the node has come", known=False)
-        if status.run < run:
-            return Validity(f"no status of run {run} has come", known=False)
-        if status.run > run:
-            return Validity(f"the node's last run is {status.run}, not {run}")
-        if status.solutions > number:
-            last = status.solutions
-            return Validity(f"the node watches the run's last solution only, which is {last}")
-        if status.solutions < number:  # it came before the status that counts it
+        if status is None or (status.run, status.solutions) < (run, number):
             return Validity("the node has not said yet whether it holds", known=False)
+        if (status.run, status.solutions) != (run, number):
+            last = f"the node's last run is {status.run} and its last solution {status.solutions}"
+            return Validity(f"{last}; it watches no other")
         return status.validity
 
     def _solution(self, run: int, number: int) -> Solution | None:
@@ -124,7 +105,6 @@ class Subscriptions:
         return solution_of(manifest, pose, trajectory, retreat, self.validity(run, number))
 
     def _take_status(self, message: DiagnosticStatus) -> None:
-        self._status_at = time.monotonic()
         self._status = Status.of(message)
         self._news.tell()
 

@@ -52,7 +52,7 @@ def node(ros_module, tmp_path_factory):
 @pytest.fixture(scope="module")
 def planner(node):
     with PlacementClient() as made:
-        wait(lambda: made.status is not None and made.status.warm == "true", COMPILED)
+        wait(lambda: made.status is not None and made.status.values["warm"] == "true", COMPILED)
         yield made
 
 

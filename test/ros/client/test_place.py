@@ -14,7 +14,6 @@ from helpers.searches import Doing, ended, found, searching, service_of
 from placement_planner_ros.client import (
     PlacementClient,
     PlacementError,
-    conversation,
     placement_client,
 )
 from placement_planner_ros.ros.inputs import object_input
@@ -151,19 +150,6 @@ def test_a_node_that_goes_away_is_said(fed, planner):
     fed.sensors.close()
     fed.close()
     assert placing.error.code == "NO_NODE"
-
-
-def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkeypatch):
-    """Killed, its services are seen for 20 s more."""
-    placing = Doing(lambda: planner.place({}, math.inf))
-    searching(fed)
-    fed.wait(lambda: planner.status.state == "searching")
-    fed.node._reporter._closed = True
-    monkeypatch.setattr(conversation, "SILENT_FOR", 1.0)
-    assert placing.error.code == "NO_ANSWER"
-    assert "no status of run" in placing.error.words
-    with pytest.raises(PlacementError, match="status has not come"):
-        planner.wait_until_ready(0.1)
 
 
 @pytest.mark.parametrize("deadline", ["5", -1.0, math.nan, True])
