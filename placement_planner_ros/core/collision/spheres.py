@@ -16,9 +16,10 @@ import numpy.typing as npt
 from numba import njit
 from scipy.spatial import ConvexHull
 
+from placement_planner_ros.core.collision.mesh_distances import SolidSurface
+from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
-from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -77,11 +78,8 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
     if shape.mesh is None:
         return tree
     # Balls of a cover's spheres that lie inside the mesh itself, as far as that is closed.
-    corners, closed = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.closed
-    inner = np.full(len(tree.radii), -np.inf)
-    if closed.any():
-        away, _ = TriangleTree.of(corners[closed], closed=True).distances(tree.centers, np.inf)
-        inner[away < 0.0] = -away[away < 0.0] - _PADDING_M
+    away, _ = SolidSurface(mesh_arrays([shape.mesh])).distances(tree.centers, np.inf)
+    inner = np.where(away < 0.0, -away - _PADDING_M, -np.inf)
     return replace(tree, inner=frozen_array(inner))
 
 

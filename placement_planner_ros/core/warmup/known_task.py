@@ -22,9 +22,9 @@ from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
+from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
 from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.meshes.triangle_tree import TriangleTree, rows_in_boxes
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext, objective_gradient
 from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
@@ -138,8 +138,8 @@ class KnownTask:
 
     def self_filter(self) -> None:
         """Which points of a cloud belong to a surface, and which are far from all that matters."""
-        tree = TriangleTree.of(self._box.vertices[self._box.triangles], closed=True)
-        tree.distances(np.zeros((1, 3)), 0.01)
+        surface = SolidSurface.of(self._box.vertices[self._box.triangles])
+        surface.distances(np.zeros((1, 3)), 0.01)
         rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))
         cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 

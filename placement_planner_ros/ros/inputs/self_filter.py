@@ -12,10 +12,12 @@ from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import hull_triangles
-from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
-from placement_planner_ros.core.meshes.triangle_tree import TriangleTree, rows_in_boxes
+from placement_planner_ros.core.collision.link_shapes import link_shapes
+from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
+from placement_planner_ros.core.collision.meshes import mesh_arrays
+from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.overlap import is_mesh, triangles_of
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
@@ -97,7 +99,7 @@ class FilteredPoints:
 class Outline:
     """Solids and sheets where they are, with the padding of each, metres."""
 
-    placed: tuple[tuple[pin.SE3, TriangleTree, float], ...]
+    placed: tuple[tuple[pin.SE3, SolidSurface, float], ...]
 
     @classmethod
     def of_robot(
@@ -113,7 +115,7 @@ class Outline:
             tuple(
                 (T, tree, own)
                 for T, trees, own in zip(
-                    robot.geometry_poses(q), _link_trees(robot), paddings, strict=True
+                    robot.geometry_poses(q), _link_surfaces(robot), paddings, strict=True
                 )
                 for tree in trees
             )
@@ -122,7 +124,7 @@ class Outline:
     @classmethod
     def of_object(cls, body: Body, T_world_object: pin.SE3, padding: float) -> Outline:
         """The object at that pose."""
-        return cls(tuple((T_world_object, tree, padding) for tree in _body_trees(body)))
+        return cls(tuple((T_world_object, tree, padding) for tree in _body_surfaces(body)))
 
     def look(self, points: Array, least: float = 0.0) -> FilteredPoints:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
@@ -268,7 +270,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
     return points[kept]
 
 
-def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDArray[np.int64]:
+def _near(points: Array, T: pin.SE3, tree: SolidSurface, cap: float) -> npt.NDArray[np.int64]:
     """Rows of points (n, 3) in the upright box around a solid at T, grown by `cap` metres."""
     middle, half = _upright_box(T, tree, cap)
     near = np.ones(len(points), np.bool_)
@@ -277,38 +279,33 @@ def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDAr
     return np.flatnonzero(near)
 
 
-def _upright_box(T: pin.SE3, tree: TriangleTree, cap: float) -> tuple[Array, Array]:
+def _upright_box(T: pin.SE3, tree: SolidSurface, cap: float) -> tuple[Array, Array]:
     """Middle and half sides (3,) of the box around a solid at T, grown by `cap` metres."""
-    low, high = tree.boxes[1, :3], tree.boxes[1, 3:]
-    half = np.abs(T.rotation) @ ((high - low) / 2) + cap + tree.radius
+    low, high = tree.box
+    half = np.abs(T.rotation) @ ((high - low) / 2) + cap
     return T.act((low + high) / 2), half
 
 
 @weak_lru_cache("robot", maxsize=1)
-def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
+def _link_surfaces(robot: Robot) -> tuple[tuple[SolidSurface, ...], ...]:
     """Of each of the robot's geometries, in its own frame."""
-    found: list[tuple[TriangleTree, ...]] = []
-    for shape, cover in zip(robot.geometry.geometryObjects, robot.covers, strict=True):
-        if is_mesh(shape.geometry):
-            corners, closed = triangles_of(shape.geometry), cover is not None and cover.closed
-            found.append((TriangleTree.of(corners, closed),))
-        else:
-            found.append(tuple(map(_convex_tree, shape_of(shape.geometry, shape.name).sets)))
-    return tuple(found)
+    return tuple(map(_surfaces_of, link_shapes(robot)))
 
 
 @weak_lru_cache("body", maxsize=1)
-def _body_trees(body: Body) -> tuple[TriangleTree, ...]:
+def _body_surfaces(body: Body) -> tuple[SolidSurface, ...]:
     """Of the object's convex pieces, and of all others together."""
-    trees = [TriangleTree.of(hull_triangles(part.vertices), True) for part in body.solids]
-    if body.mesh is not None:
-        corners = body.mesh.vertices[body.mesh.triangles]
-        trees.append(TriangleTree.of(corners, body.mesh.cover.closed))
-    return tuple(trees)
+    return tuple(each for solid in object_solids(body) for each in _surfaces_of(solid.shape))
 
 
-def _convex_tree(shape: ConvexSet) -> TriangleTree:
+def _surfaces_of(shape: Shape) -> tuple[SolidSurface, ...]:
+    if shape.mesh is not None:
+        return (SolidSurface(mesh_arrays([shape.mesh])),)
+    return tuple(map(_convex_surface, shape.sets))
+
+
+def _convex_surface(shape: ConvexSet) -> SolidSurface:
     """A polytope, or a point or a line, and what is within its radius."""
     if len(shape.normals):
-        return TriangleTree.of(hull_triangles(shape.vertices), True, shape.radius)
-    return TriangleTree.of(shape.vertices[[0, -1, -1]][None], False, shape.radius)
+        return SolidSurface.of(hull_triangles(shape.vertices), shape.radius)
+    return SolidSurface.of(shape.vertices[[0, -1, -1]][None], shape.radius)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
+from placement_planner_ros.core.collision.mesh_distances import SolidSurface
 
 RING = trimesh.creation.torus(0.3, 0.1)
 BOX = trimesh.creation.box((0.2, 0.3, 0.4))
@@ -11,7 +11,7 @@ BOX = trimesh.creation.box((0.2, 0.3, 0.4))
 @pytest.mark.parametrize("mesh", [RING, BOX], ids=["ring", "box"])
 def test_distances_are_those_of_all_triangles(mesh):
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 3))
-    found, nearest = TriangleTree.of(mesh.triangles, True).distances(points, 2.0)
+    found, nearest = SolidSurface.of(mesh.triangles).distances(points, 2.0)
     for point, distance, spot in zip(points, found, nearest, strict=True):
         every = trimesh.triangles.closest_point(
             mesh.triangles, np.repeat(point[None], len(mesh.triangles), 0)
@@ -25,16 +25,16 @@ def test_only_what_is_enclosed_is_inside():
     points = np.random.default_rng(1).uniform(-0.45, 0.45, (5000, 3))
     depth = 0.1 - np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.3, points[:, 2])
     sure = np.abs(depth) > 0.003  # the mesh is not quite round
-    found, _ = TriangleTree.of(RING.triangles, True).distances(points, 0.01)
+    found, _ = SolidSurface.of(RING.triangles).distances(points, 0.01)
     assert np.array_equal(found[sure] < 0.0, depth[sure] > 0.0)
     assert (np.isinf(found) == (np.abs(found) > 0.01)).all()
-    sheet, _ = TriangleTree.of(RING.triangles, False).distances(points, 0.01)
+    sheet, _ = SolidSurface.of(RING.triangles[1:]).distances(points, 0.01)
     assert (sheet > 0.0).all()
 
 
 def test_points_and_lines_have_a_radius():
     line = np.array([[[0.0, 0, 0], [1.0, 0, 0], [1.0, 0, 0]]])
-    found, _ = TriangleTree.of(line, False, 0.1).distances(
+    found, _ = SolidSurface.of(line, 0.1).distances(
         np.array([[0.5, 0.3, 0.0], [1.2, 0.0, 0.0], [0.5, 0.05, 0.0]]), 1.0
     )
     assert found == pytest.approx([0.2, 0.1, -0.05])
