@@ -62,20 +62,6 @@ def test_it_is_made_once_for_each_key(cache):
     assert cache.said == []
 
 
-def test_what_is_found_is_as_it_was_made(cache):
-    """Kernels are compiled for arrays that are, or are not, contiguous and read-only."""
-    frozen, open_ = np.arange(6.0).reshape(2, 3), np.arange(3)
-    frozen.setflags(write=False)
-    keep_result(KIND, KEY, {"frozen": frozen, "open": open_})
-    found = find_result(KIND, KEY)
-    for name, array in (("frozen", frozen), ("open", open_)):
-        assert np.array_equal(found[name], array)
-        assert found[name].dtype == array.dtype
-        assert found[name].flags.writeable == array.flags.writeable
-        assert found[name].flags.c_contiguous
-    assert cache.said == []
-
-
 def one_bit(data):
     whole = bytearray(data)
     whole[len(whole) // 2] ^= 1

@@ -15,7 +15,7 @@ PACKAGE = Path(placement_planner_ros.__file__).parent
 MODULES = [
     ".".join((PACKAGE.name, *file.relative_to(PACKAGE).with_suffix("").parts))
     for file in sorted((PACKAGE / "core").rglob("*.py"))
-    if kernels.KERNEL.search(file.read_text(encoding="utf-8"))
+    if kernels.SHAPING.search(file.read_text(encoding="utf-8"))
 ]
 PLACE = (
     "from placement_planner_ros.core.kernels import use_kernel_folder\n"

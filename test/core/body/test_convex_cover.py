@@ -6,8 +6,8 @@ import trimesh
 from scipy.spatial import ConvexHull, cKDTree
 
 from placement_planner_ros.core import disk_cache
-from placement_planner_ros.core.body import covered_mesh, mesh_components
-from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
+from placement_planner_ros.core.body import covered_mesh
+from placement_planner_ros.core.body.convex_cover import convex_cover, hull_cover
 from placement_planner_ros.core.body.mesh import volumes_under
 from placement_planner_ros.core.body.mesh_components import Components
 
@@ -139,20 +139,6 @@ def own_cache(monkeypatch, tmp_path):
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
 
 
-def ask(made, tolerance=0.01):
-    vertices, faces = np.asarray(RING.vertices), np.asarray(RING.faces)
-    parts = (np.eye(4, 3), np.eye(5, 3))
-
-    def make():
-        made.append(tolerance)
-        return Cover(parts, 0.25, True)
-
-    cover = covered_mesh.kept_cover(vertices, faces, tolerance, make)
-    assert [part.shape for part in cover.parts] == [(4, 3), (5, 3)]
-    assert (cover.excess, cover.closed) == (0.25, True)
-    return made
-
-
 def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(own_cache, monkeypatch):
     mesh = np.asarray(RING.vertices), np.asarray(RING.faces), 0.01
     with monkeypatch.context() as soon:
@@ -161,16 +147,6 @@ def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(own_c
     np.testing.assert_array_equal(hull_cover(*mesh[:2]).parts[0], part)
     assert len(covered_mesh.make_cover(*mesh).parts) == 1
     assert len(covered_mesh.make_cover(*mesh[:2], 0.02).parts) > 1
-
-
-def test_rows_that_are_alike_are_found_as_numpy_finds_them():
-    rng = np.random.default_rng(2)
-    rows = rng.integers(-2, 3, (500, 3)).astype(float)
-    rows[::3, 0] = rng.normal(size=167)
-    _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    made = mesh_components.equal_rows(rows)
-    np.testing.assert_array_equal(made[0], first)
-    np.testing.assert_array_equal(made[1], kind.reshape(-1))
 
 
 def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned():
@@ -183,9 +159,3 @@ def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned()
     assert made.rows.tolist() == [0, 1, 2, 3, 4, *range(7, 14)]
     assert abs(volumes_under(made.corners).sum()) == pytest.approx(box.volume)
     assert not Components.of(np.asarray(box.vertices), again[:-1]).closed.any()
-
-
-def test_a_cover_is_made_once_for_a_content(own_cache):
-    made = ask(ask([]))
-    assert made == [0.01]
-    assert ask(made, 0.02) == [0.01, 0.02]

@@ -3,14 +3,11 @@
 import re
 
 import numpy as np
-import pytest
 import trimesh
 from helpers.scans import SHAPES, finer
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_cover import hull_cover
-from placement_planner_ros.core.body.holes import Holes
-from placement_planner_ros.core.body.mesh import volumes_under
 
 
 def nearly_closed(mesh, share):
@@ -44,16 +41,3 @@ def test_where_holes_may_move_it_far_the_centre_of_mass_is_that_of_the_hull():
     half = ball.faces[ball.triangles_center[:, 2] > 0.0]
     body = Body.from_mesh(ball.vertices, half, cover=lambda v, t, _: hull_cover(v, t))
     assert "of its hull" in body.assumed[1]
-
-
-def test_a_hole_may_move_the_centre_of_mass_as_far_as_a_hemisphere_over_it_does():
-    radius, height = 0.02, 0.2
-    rod = trimesh.creation.cylinder(radius=radius, height=height, sections=128)
-    top = rod.triangles_center[:, 2] > 0.499 * height
-    holes = Holes.of(np.asarray(rod.triangles[~top]))
-    patched = np.concatenate([rod.triangles[~top], holes.patches])
-    assert volumes_under(patched).sum() == pytest.approx(rod.volume)
-    assert len(holes.radii) == 1
-    lump = 2.0 / 3.0 * np.pi * radius**3
-    moved = lump * (0.5 * height + 3.0 / 8.0 * radius) / (rod.volume + lump)
-    assert moved < holes.moves(np.zeros(3), rod.volume) < 1.5 * moved

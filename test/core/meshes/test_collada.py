@@ -10,7 +10,6 @@ import trimesh
 from placement_planner_ros.core.meshes.read import read_mesh
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 PLACED = '<instance_geometry url="#g"/>'
 
 
@@ -57,40 +56,6 @@ def solid(data):
     mesh.merge_vertices()
     assert mesh.is_watertight
     return mesh
-
-
-def primitive(tag, body):
-    return f'<{tag}><input semantic="VERTEX" source="#v" offset="0"/>{body}</{tag}>'
-
-
-EACH_QUAD = [f"<p>{words(quad)}</p>" for quad in QUADS]
-EACH_STRIP = [f"<p>{words((a, b, d, c))}</p>" for a, b, c, d in QUADS]
-
-
-@pytest.mark.parametrize(
-    "primitives",
-    [
-        triangles(),
-        triangles(BOX.faces[:5]) + triangles(BOX.faces[5:]),
-        primitive("polylist", f"<vcount>4 4 4 4 4 4</vcount><p>{words(QUADS)}</p>"),
-        primitive("polygons", "".join(EACH_QUAD)),
-        primitive("trifans", "".join(EACH_QUAD)),
-        primitive("tristrips", "".join(EACH_STRIP)),
-        triangles() + primitive("lines", "<p>0 1</p>"),
-    ],
-    ids=["triangles", "two materials", "polylist", "polygons", "trifans", "tristrips", "lines"],
-)
-def test_every_primitive_is_the_same_box(primitives):
-    mesh = solid(collada(primitives))
-    assert abs(mesh.volume) == pytest.approx(BOX.volume)
-    np.testing.assert_allclose(mesh.bounds, BOX.bounds)
-
-
-def test_a_concave_polygon_is_held_by_its_triangles():
-    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]], float)
-    body = "<vcount>5</vcount><p>3 4 0 1 2</p>"
-    vertices, faces = read_collada(collada(primitive("polylist", body), points=corners))
-    assert trimesh.Trimesh(vertices, faces, process=False).area >= 2.5
 
 
 @pytest.mark.parametrize(

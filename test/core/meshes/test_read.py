@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.meshes.read import read_mesh
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -64,12 +63,6 @@ def test_each_kind_is_the_same_closed_box(tmp_path, name):
     assert mesh.volume == pytest.approx(BOX.volume)
 
 
-def test_several_solids_are_read(tmp_path):
-    moved = BOX.copy().apply_translation([1.0, 0.0, 0.0])
-    (tmp_path / "a.stl").write_text(TEXT + moved.export(file_type="stl_ascii"))
-    assert len(read_mesh(tmp_path / "a.stl")[1]) == 24
-
-
 def test_transforms_of_a_scene_count(tmp_path):
     (tmp_path / "a.glb").write_bytes(scene().export(file_type="glb"))
     mesh = trimesh.Trimesh(*read_mesh(tmp_path / "a.glb"), process=False)
@@ -114,19 +107,6 @@ def test_numbers_too_large_to_be_told_apart_are_refused_with_their_value(tmp_pat
         read_mesh(path)
 
 
-def test_materials_parts_and_inverted_normals_are_the_same_solids(tmp_path):
-    inside_out = trimesh.Trimesh(BOX.vertices, BOX.faces[:, ::-1], process=False)
-    for name, mesh in (("a.obj", inside_out), ("a.ply", inside_out), ("a.stl", inside_out)):
-        mesh.export(tmp_path / name)
-        body = Body.from_mesh(*read_mesh(tmp_path / name))
-        assert len(body.volume_points) == 20 * 12 * 8
-        assert body.warnings == ()
-    (tmp_path / "quads.obj").write_bytes(quads())
-    body = Body.from_mesh(*read_mesh(tmp_path / "quads.obj"))
-    np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-9)
-    assert len(body.faces) == 6
-
-
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
@@ -138,13 +118,6 @@ def test_an_obj_whose_faces_have_no_such_vertex_is_refused_in_words(tmp_path, fa
     (tmp_path / "a.obj").write_text(CORNERS + face + "\n")
     with pytest.raises(ValueError, match=r"OBJ|no triangles|none of"):
         read_mesh(tmp_path / "a.obj")
-
-
-def test_a_ply_whose_faces_have_no_such_vertex_is_refused_in_words(tmp_path):
-    text = BOX.export(file_type="ply", encoding="ascii").decode().rstrip()
-    (tmp_path / "a.ply").write_text(text[: text.rindex(" ")] + " 99\n")
-    with pytest.raises(ValueError, match="a face has a vertex that is none of the file's 8"):
-        read_mesh(tmp_path / "a.ply")
 
 
 def test_vertices_of_an_obj_that_are_counted_back_are_those_before_the_face(tmp_path):

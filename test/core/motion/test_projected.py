@@ -78,17 +78,6 @@ def test_steps_come_nearer_on_edges_that_keep_it():
     assert 2.5 / 0.6 < number < 40
 
 
-def test_a_walk_leads_to_its_target_unless_it_is_too_long():
-    ring = Ring()
-    steps = ProjectedSteps(ring, 0.8, np.ones(2))
-    target = np.array([np.cos(1.5), np.sin(1.5)])
-    way = steps.walk(START, target, 1.6)
-    assert_on_ring(np.array([START, *way]), ring)
-    np.testing.assert_array_equal(way[-1], target)
-    assert steps.walk(START, target, 1.4) is None
-    assert steps.walk(START, np.array([2.0, 0.0]), 9.0) is None
-
-
 def test_shortcuts_follow_the_ring_and_never_lengthen():
     ring, rng = Ring(), np.random.default_rng(1)
     angles = np.concatenate([np.linspace(0.0, 2.5, 60), np.linspace(2.5, 1.5, 30)])

@@ -48,29 +48,6 @@ def test_shorter_with_the_same_ends_and_free(seed, attempts, tries):
     assert length(result) < 0.8 * length(path)
 
 
-def test_several_tries_find_a_way_that_one_may_miss():
-    shorter = 0
-    for seed in range(20):
-        path = wandering_path(np.random.default_rng(seed))
-        one, four = (
-            length(
-                shorten_path(
-                    path, outside_disc, np.random.default_rng(seed), 20 * tries, tries=tries
-                )
-            )
-            for tries in (1, 4)
-        )
-        assert four <= one + 1e-12
-        shorter += four < one - 1e-3
-    assert shorter >= 10
-
-
-def test_vertices_that_are_not_needed_are_left_out():
-    path = wandering_path(np.random.default_rng(6))
-    result = shorten_path(path, outside_disc, np.random.default_rng(0), 200)
-    assert not any(outside_disc(a, b) for a, b in zip(result[:-2], result[2:], strict=True))
-
-
 def test_nothing_free_leaves_the_path_as_it_is():
     path = wandering_path(np.random.default_rng(2))
     result = shorten_path(path, lambda a, b: False, np.random.default_rng(0), 50)

@@ -108,26 +108,6 @@ def test_no_configuration_takes_the_wrist_further_than_the_reach_bound(name):
     assert distance(furthest) >= 0.7 * bound.length, "the bound is idle"
 
 
-def test_single_and_batch_agree():
-    robot, arm, q_rest = case("gantry")
-    chain = Chain.from_robot(robot, arm, q_rest)
-    Q = np.random.default_rng(1).uniform(chain.lower, chain.upper, (3, 4))
-    T = np.eye(4)
-    assert np.array_equal(chain.forward(Q[2]), chain.forward_batch(Q)[2])
-    assert np.array_equal(chain.joint_frames(Q[2]), chain.joint_frames_batch(Q)[2])
-    assert np.array_equal(chain.jacobian(Q[2], T), chain.jacobian_batch(Q, T)[2])
-
-
-def test_resting_joints_are_folded_in():
-    robot, arm, q_rest = case("part")
-    elsewhere = q_rest + np.array([0.1, 0.0, 0.0, 0.0])
-    q = np.array([0.5, 0.2])
-    moved = Chain.from_robot(robot, arm, elsewhere).forward(q)
-    stays = Chain.from_robot(robot, arm, q_rest).forward(q)
-    along = pin.rpy.rpyToMatrix(0.4, -0.2, 0.9)[:, 0]
-    assert (moved - stays)[:3, 3] == pytest.approx(0.1 * along, abs=1e-12)
-
-
 def test_rest_of_wrong_length_is_refused():
     robot, arm, _ = case("gantry")
     with pytest.raises(RobotError, match="q_rest"):

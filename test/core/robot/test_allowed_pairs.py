@@ -8,11 +8,9 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from placement_planner_ros.core.body.convex_cover import hull_cover
-from placement_planner_ros.core.robot.allowed_pairs import SAMPLES, srdf_line
+from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, triangles_of, winding_number
-from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
 
 
 def link(name, *boxes):
@@ -42,19 +40,6 @@ def why(robot):
 
 
 STICK = ("0.04 0.04 0.1", "0 0 0.1")
-
-
-def test_neighbours_are_left_out_without_a_word_of_each():
-    robot = robot_of(
-        link("a", STICK), link("b", STICK), link("c", STICK), joint("j", "a", "b"),
-        joint("k", "b", "c"),
-    )  # fmt: skip
-    assert {p: each.reason for p, each in why(robot).items()} == {
-        ("a", "b"): "adjacent",
-        ("b", "c"): "adjacent",
-    }
-    assert [w for w in robot.warnings if "left out:" in w] == []
-    assert any("2 pairs of neighbouring links" in w for w in robot.warnings)
 
 
 def test_what_overlaps_at_zero_is_left_out_and_told_with_its_share():
@@ -159,29 +144,6 @@ def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
     # a little less than from the middle of the case to its outside
 
 
-def test_triangles_and_pieces_of_a_mesh_are_made_once_for_all_that_ask(tmp_path):
-    """What coal holds is not taken back from it, and what is asked of it is the same."""
-    ring = trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12)
-    rings = [ring, ring.copy().apply_translation((0, 0, 1))]
-    trimesh.util.concatenate(rings).export(tmp_path / "rings.stl")
-    text = '<collision><geometry><mesh filename="rings.stl" scale="1 -1 1"/></geometry></collision>'
-
-    def hulls(meshes):
-        return [hull_cover(mesh.vertices, mesh.triangles) for mesh in meshes]
-
-    urdf = f'<robot name="r"><link name="a">{text}{text}</link></robot>'
-    robot = Robot.from_urdf(urdf, [tmp_path], cover=hulls)
-    one, other = (Overlaps.of(robot.geometry, robot.covers) for _ in range(2))
-    shapes = [thing.geometry for thing in robot.geometry.geometryObjects]
-    by_coal = Overlaps(shapes)
-    assert one._pieces_of(0) is one._pieces_of(1) is other._pieces_of(0)
-    assert np.array_equal(one._surface_of(0).triangles, triangles_of(shapes[0]))
-    found, expected = one._pieces_of(0), by_coal._pieces_of(0)
-    assert len(found) == len(expected) == 2
-    for piece, same in zip(found, expected, strict=True):
-        assert np.array_equal(piece, same)
-
-
 @pytest.mark.parametrize("apart", [0.001, 0.019, 0.0199])
 def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
     geometry = pin.GeometryModel()
@@ -228,22 +190,6 @@ def test_where_the_robot_stands_close_links_are_not_in_each_other():
     assert standing.model is robot.model
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        ('<link name="a"/>',),
-        (link("a", STICK),),
-        ('<link name="a"/>', '<link name="b"/>', joint("j", "a", "b")),
-        (link("a", STICK, STICK), '<link name="b"/>', joint("j", "a", "b")),
-    ],
-    ids=["one empty link", "one link", "no shapes", "two shapes of one link"],
-)
-def test_robots_without_pairs_have_none(parts):
-    robot = robot_of(*parts)
-    assert robot.left_out == ()
-    assert robot.standing_at(np.zeros(robot.model.nq)) is robot
-
-
 def test_an_srdf_has_the_last_word():
     robot = robot_of(
         link("a", ("0.1 0.1 0.4", "0 0 0.1")),
@@ -273,22 +219,3 @@ def test_a_line_of_an_srdf_says_the_same():
     again = robot_of(*parts, joint("j", "a", "b"), srdf=f'<robot name="t">{lines}</robot>')
     assert again.allowed_pairs == robot.allowed_pairs
     assert srdf_line(('"a', "b&")).count("&amp;") == 1
-
-
-def test_it_can_be_stopped():
-    asked = 0
-
-    def should_stop():
-        nonlocal asked
-        asked += 1
-        return asked > SAMPLES // 10
-
-    with stoppable(should_stop), pytest.raises(StoppedError, match="overlap"):
-        robot_of(
-            link("a", ("0.1 0.1 0.1", "0 0 0")),
-            link("b", ("0.02 0.02 0.02", "0 0 0.9")),
-            link("c", ("0.1 0.1 0.12", "0 0 0.05")),
-            joint("j", "a", "b"),
-            joint("k", "b", "c"),
-        )
-    assert asked == SAMPLES // 10 + 1

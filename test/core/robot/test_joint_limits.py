@@ -127,17 +127,6 @@ def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
     assert len(known.notes()) == 2
 
 
-def test_of_a_torso_of_two_joints_each_is_told_and_both_are_left_out():
-    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abcde"))
-    joints = joint("lift", "foot", "a", "prismatic") + joint("bow", "a", "b")
-    joints += joint("swing", "b", "c") + joint("other", "b", "d") + joint("head", "a", "e")
-    robot = Robot.from_urdf(f'<robot name="torso">{links}{joints}</robot>')
-    words = announce_arm(robot, robot.arm("arm", "c"), derived=True).torso
-    assert "lift (-2 to 2 m), which moves other, head too" in words
-    assert "bow (-2 to 2 rad), which moves other too" in words
-    assert "leave them where the robot stands, set arm.joints: [swing]" in words
-
-
 def test_chosen_joints_and_plain_arms_are_no_news():
     robot = tower({"spin": JointLimit(velocity=1.0)})
     arm = robot.arm("arm", "c", joints=["swing", "spin"])

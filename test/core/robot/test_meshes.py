@@ -33,15 +33,6 @@ def triangles(robot, number=0):
     return trimesh.Trimesh(points, [[t[0], t[1], t[2]] for t in rows], process=False)
 
 
-@pytest.mark.parametrize("name", ["a.stl", "a.STL", "a.obj", "a.ply", "a.glb", "a.off"])
-def test_each_kind_of_file_is_a_link(tmp_path, name):
-    TWO.export(tmp_path / name, file_type=name[2:].lower())
-    robot = Robot.from_urdf(urdf(f'filename="{name}" scale="1 2 1"'), [tmp_path])
-    mesh = triangles(robot)
-    assert mesh.volume == pytest.approx(2.0 * TWO.volume)
-    np.testing.assert_allclose(mesh.bounds[1], [0.3, 0.6, 0.1], atol=1e-7)
-
-
 @pytest.mark.parametrize("scale", ["-1 1 1", "1 1 -1", "-1 -1 -1", "-1 -1 1", "1 1 1"])
 def test_a_mirrored_mesh_faces_outward(tmp_path, scale):
     TWO.export(tmp_path / "a.stl")
@@ -72,17 +63,6 @@ def test_everything_that_is_wrong_with_meshes_is_told_at_once(tmp_path):
     assert [fault.field.split(",")[0] for fault in error.value.faults] == [
         f"link l{n}" for n in range(1, 7)
     ]
-
-
-@pytest.mark.parametrize("sides", [200, 260])
-def test_a_rim_of_many_corners_is_covered(tmp_path, sides):
-    """coal takes no convex mesh with more than 254 facets at a corner, as qhull makes of a disc."""
-    file = tmp_path / "drum.stl"
-    trimesh.creation.cylinder(0.1, 0.2, sides).export(file)
-    robot = Robot.from_urdf(urdf(f'filename="{file.as_uri()}"'))
-    (cover,) = robot.covers
-    assert cover.closed
-    assert len(cover.parts) == 1
 
 
 def test_what_is_too_large_is_refused_with_its_number(tmp_path, monkeypatch):

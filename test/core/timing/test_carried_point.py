@@ -1,7 +1,6 @@
 """A point of a held object on timed curves: against pinocchio, and against dense samples."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -65,32 +64,6 @@ def reached(arm, trajectory, per_second=4000):
     return np.linalg.norm(p[2:] - 2.0 * p[1:-1] + p[:-2], axis=1) / (t[1] - t[0]) ** 2
 
 
-def test_derivatives_are_pinocchios(arm):
-    robot, made, q_rest, chain = arm
-    rng = np.random.default_rng(0)
-    Q, V, A = (rng.uniform(-1.0, 1.0, (20, made.dof)) for _ in range(3))
-    first, second = CarriedPoint(chain, POINT, 1.0).derivatives(Q, V, A)
-    model = robot.model.copy()
-    tip = robot.frame_id(made.tip_frame)
-    placement = model.frames[tip].placement * pin.SE3(np.eye(3), POINT)
-    frame = model.addFrame(
-        pin.Frame("point", model.frames[tip].parentJoint, tip, placement, pin.FrameType.OP_FRAME)
-    )
-    data, world = model.createData(), pin.LOCAL_WORLD_ALIGNED
-    for k in range(len(Q)):
-        q, v, a = q_rest.copy(), np.zeros(model.nv), np.zeros(model.nv)
-        q[made.q_index], v[made.q_index], a[made.q_index] = Q[k], V[k], A[k]
-        pin.forwardKinematics(model, data, q, v, a)
-        np.testing.assert_allclose(
-            first[k], pin.getFrameVelocity(model, data, frame, world).linear, atol=1e-9
-        )
-        np.testing.assert_allclose(
-            second[k],
-            pin.getFrameClassicalAcceleration(model, data, frame, world).linear,
-            atol=1e-9,
-        )
-
-
 def test_the_bound_is_one_and_tight(arm):
     chain = arm[3]
     for seed in range(3):
@@ -134,9 +107,3 @@ def test_parts_that_are_gentle_are_not_slowed_down(arm):
     limit = 0.4 * hardest
     _, trajectory = timed(arm, limit)
     assert trajectory.duration < 0.98 * free.duration * np.sqrt(hardest / limit)
-
-
-def test_a_limit_above_all_that_is_reached_changes_nothing_much(arm):
-    _, free = timed(arm, None)
-    _, trajectory = timed(arm, 100.0)
-    assert trajectory.duration == pytest.approx(free.duration, rel=1e-3)

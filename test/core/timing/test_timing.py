@@ -105,24 +105,6 @@ def test_a_straight_line_takes_about_the_shortest_time():
     assert shortest <= trajectory.duration <= 1.1 * shortest
 
 
-def test_points_are_dense_and_bounded():
-    path = np.array([[0.0, 0.0], [1.5, 0.3], [0.0, 2.0]])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
-    assert np.diff(trajectory.times).max() <= 0.1
-    crawl = parameterize_path(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
-    assert len(crawl.times) <= CurveSettings().max_points
-    assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.2)
-
-
-def test_corners_are_rounded_without_a_stop():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
-    _, q, v, _ = sample(trajectory)
-    near_corner = np.linalg.norm(q - path[1], axis=1) < 0.3
-    assert near_corner.any()
-    assert np.linalg.norm(v[near_corner], axis=1).min() > 0.2
-
-
 class Square:
     """An obstacle in the plane; tests chords with a box of slack exactly, and keeps count."""
 
@@ -213,13 +195,6 @@ def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
     for waypoint in path[1:-1]:
         (k,) = np.flatnonzero((trajectory.positions == waypoint).all(axis=1))
         np.testing.assert_array_equal(trajectory.velocities[k], 0.0)
-
-
-def test_turning_back_stops_at_the_tip():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [0.2, 0.0]])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
-    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
-    assert (trajectory.positions == path[1]).all(axis=1).any()
 
 
 def test_repeated_waypoints_and_paths_that_do_not_move():

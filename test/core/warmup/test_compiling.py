@@ -13,7 +13,6 @@ from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import compiling
 from placement_planner_ros.core.warmup.compiling import (
     CompilationError,
-    CompilationProgress,
     compile_kernels,
 )
 
@@ -74,11 +73,6 @@ def test_no_kernel_is_compiled_by_two_processes_at_once(tmp_path):
     other.on_start(compiled)
 
 
-def test_nothing_is_begun_where_nothing_is_missing(all_kept, monkeypatch):
-    monkeypatch.setattr(compiling, "_spawn_process", None)
-    compile_kernels(lambda _: None)
-
-
 def test_it_can_be_stopped(without_one, monkeypatch):
     begun = []
     spawn = compiling._spawn_process
@@ -108,10 +102,3 @@ def test_processes_that_fail_are_told(without_one, monkeypatch):
     monkeypatch.setattr(compiling.sys, "executable", "/bin/false")
     with pytest.raises(CompilationError, match="ended by 1"):
         compile_kernels(lambda _: None)
-
-
-def test_progress_in_words():
-    assert str(CompilationProgress(4, 100, 3.0)) == "4 of 100 kernels compiled"
-    assert (
-        str(CompilationProgress(60, 100, 30.0, 20)) == "60 of 100 kernels compiled, some 30 s left"
-    )

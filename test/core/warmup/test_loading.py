@@ -33,14 +33,6 @@ def test_the_next_process_passes_no_stage(passed):
     assert len(passes) == 1
 
 
-def test_without_a_home_it_is_not_kept(passed, monkeypatch):
-    _, passes = passed
-    monkeypatch.setattr(loading, "passed_file", lambda: None)
-    load_kernels.__wrapped__()
-    load_kernels.__wrapped__()
-    assert len(passes) == 2
-
-
 def test_what_is_on_disk_is_made_anew_so_that_what_makes_it_is_passed(passed, monkeypatch):
     made = []
     stage = lambda _: made.append(stored_result("rows", "key", lambda: "anew"))  # noqa: E731
