@@ -41,12 +41,10 @@ class StablePose:
 
     Attributes:
         facet: of the hull.
-        energy: J/kg that tipping the body off it takes.
         rolls: whether it could roll from there, or rock widely.
     """
 
     facet: int
-    energy: float
     rolls: bool
 
 
@@ -61,7 +59,7 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
     bottoms = tipping.valleys(ROUNDING_M)
     found = [
         _rest_on(tipping, int(facet), bottoms, flatness)
-        for facet in tipping.valleys(_tipping_height())
+        for facet in tipping.valleys(TIPPING_ENERGY / GRAVITY)
     ]
     firm = _spread_rests(tipping, [rest for rest in found if not rest.rolls], merge_angle)
     round_ = {
@@ -79,23 +77,11 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
     )
 
 
-def _tipping_height() -> float:
-    return TIPPING_ENERGY / GRAVITY
-
-
 def _rest_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
-    energy = _energy_to_turn(tipping, facet, LEFT_REST_RAD)
-    if (
-        energy < TIPPING_ENERGY
-        or _energy_to_turn(tipping, facet, ROCKING_RAD) < 0.5 * TIPPING_ENERGY
-    ):
-        return StablePose(facet, energy, rolls=True)
-    return StablePose(facet, energy, rolls=_rolls_on(tipping, facet, bottoms, flatness))
-
-
-def _energy_to_turn(tipping: Tipping, facet: int, angle: float) -> float:
-    """J/kg that turns the body by more than that from a facet, radians."""
-    return GRAVITY * (tipping.way_out(facet, angle) - float(tipping.heights[facet]))
+    height, rise = float(tipping.heights[facet]), TIPPING_ENERGY / GRAVITY
+    rolls = tipping.turns(facet, height + rise, LEFT_REST_RAD)
+    rolls = rolls or tipping.turns(facet, height + 0.5 * rise, ROCKING_RAD)
+    return StablePose(facet, rolls or _rolls_on(tipping, facet, bottoms, flatness))
 
 
 def _rolls_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> bool:
@@ -124,7 +110,7 @@ def _rests_of_round_side(
     yield rest
     level = tipping.around(rest.facet, *_height_band(float(tipping.heights[rest.facet]), flatness))
     for facet in bottoms[level[bottoms]].tolist():
-        yield StablePose(facet, rest.energy, rolls=True)
+        yield StablePose(facet, rolls=True)
 
 
 def _spread_rests(tipping: Tipping, given: list[StablePose], apart: float) -> list[StablePose]:

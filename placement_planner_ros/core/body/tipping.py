@@ -8,7 +8,6 @@ to another is found along the arcs.
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,21 +95,10 @@ class Tipping:
         found.append(bottom(0))
         return np.sort(np.array(found, dtype=np.int64))
 
-    def way_out(self, facet: int, angle: float) -> float:
-        """The height to get over, that the body turns by more than `angle` from this facet."""
-        limit = np.cos(angle)
-        normal, level = self.normals[facet], float(self.heights[facet])
-        open_, seen = [(level, facet)], {facet}
-        while open_:
-            over, at = heapq.heappop(open_)
-            level = max(level, over)
-            if self.normals[at] @ normal < limit:
-                return level
-            for other, height in zip(self.beside[at].tolist(), self.passes[at], strict=True):
-                if other not in seen:
-                    seen.add(other)
-                    heapq.heappush(open_, (float(height), other))
-        return np.inf
+    def turns(self, facet: int, highest: float, angle: float) -> bool:
+        """Whether the body turns by more than that from a facet, radians, without rising higher."""
+        reached = self.around(facet, -np.inf, highest)
+        return bool((self.normals[reached] @ self.normals[facet]).min() < np.cos(angle))
 
     def around(self, facet: int, lowest: float, highest: float) -> Mask:
         """(f,) facets to which the body gets from this one while its height stays between."""
