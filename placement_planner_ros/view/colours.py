@@ -9,23 +9,17 @@ from placement_planner_ros.core.types import Array
 
 Rgb = tuple[int, int, int]
 
+LINK: Rgb = (200, 202, 208)
 PLACED: Rgb = (30, 160, 60)
 HELD: Rgb = (235, 120, 20)
-START: Rgb = (120, 120, 130)
-EARLIER: Rgb = (105, 60, 170)
 STANDING: Rgb = (20, 130, 130)
 VOLUME: Rgb = (217, 38, 140)
-PATH: Rgb = (235, 120, 20)
 OBSTACLES: Rgb = (150, 75, 60)
 REGION: Rgb = (90, 140, 215)
+CONTACT: Rgb = (200, 30, 30)
 
 _GREYS = np.linspace((125, 132, 145), (190, 196, 205), 64).round().astype(np.uint8)
 """Of points, from below to above."""
-
-
-def css_colour(colour: Rgb) -> str:
-    """As HTML has it."""
-    return f"rgb({colour[0]},{colour[1]},{colour[2]})"
 
 
 def by_height(heights: Array) -> npt.NDArray[np.uint8]:

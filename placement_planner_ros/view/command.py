@@ -16,6 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from placement_planner_ros.client import PlacementClient
+from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.process import begin_ros
@@ -28,6 +29,7 @@ from placement_planner_ros.view.world import World
 
 NICE = 19
 """By how much others go first where the processor is short, as the planner should."""
+_UNEXPECTED = (ArithmeticError, LookupError, PlacementPlannerError, TypeError, ValueError)
 HEARD = 0.1
 """Seconds between looks at what has come. Each takes half a millisecond, however much has."""
 
@@ -92,8 +94,7 @@ def _show_page(
             if controls is not None and listener.parameters.count != known:
                 known = listener.parameters.count
                 controls.know(listener.parameters.values)
-        # Whatever is heard, the page goes on; what nobody expected is said.
-        except Exception:
+        except _UNEXPECTED:  # whatever is heard, the page goes on, and this is said
             fault = traceback.format_exc()
             if fault != said:  # once, not ten times a second
                 said = fault

@@ -74,13 +74,10 @@ class Controls:
             if name in before and before[name] == value:
                 continue
             field = self._fields[name]
-            if name == _VOLUME:
-                field.value = " ".join(f"{number:g}" for number in value)
-            elif name == _OBJECTIVE:
+            if name == _OBJECTIVE:
                 field.options = tuple(dict.fromkeys((*_OBJECTIVES, value)))
-                field.value = value
-            else:
-                field.value = value
+            in_words = name == _VOLUME
+            field.value = " ".join(f"{number:g}" for number in value) if in_words else value
 
     def _do(self, act: Callable[[], str]) -> None:
         self._answer.content = words.note_html("asking the node …")

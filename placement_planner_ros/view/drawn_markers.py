@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
@@ -16,22 +16,24 @@ class DrawnMarkers:
 
     Attributes:
         volume: (k, 2, 3) corners of V's boxes, metres.
-        regions: (m, 4, 3) corners of the regions' rectangles, metres.
+        regions: (3 t, 3) corners of the regions' triangles, metres.
         object: (n, 3) corners of the object's triangles in its own frame; of no rows where no
             placement is drawn.
         standing: (k, 3) points on what earlier runs have placed.
+        contacts: (m, 2, 3) from where it leans towards what holds it there; none where it stands.
     """
 
-    volume: Array
-    regions: Array
-    object: Array
-    standing: Array
+    volume: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    regions: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    object: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    standing: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    contacts: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
     @classmethod
     def of(cls, message: MarkerArray) -> DrawnMarkers:
         """Of a message; markers that are none of the node's are left out."""
-        boxes, regions, corners = [], np.zeros((0, 4, 3)), np.zeros((0, 3))
-        standing = [np.zeros((0, 3))]
+        boxes, regions, corners = [], np.zeros((0, 3)), np.zeros((0, 3))
+        standing, contacts = [np.zeros((0, 3))], np.zeros((0, 2, 3))
         for marker in message.markers:
             if marker.action != Marker.ADD:
                 continue
@@ -40,27 +42,27 @@ class DrawnMarkers:
                 middle, half = np.array([p.x, p.y, p.z]), np.array([s.x, s.y, s.z]) / 2
                 boxes.append((middle - half, middle + half))
             elif marker.ns == "regions":
-                regions = region_rectangles(_marker_points(marker))
+                regions = _marker_points(marker)
             elif marker.ns == "object":
                 corners = _marker_points(marker)
+            elif marker.ns == "contacts":
+                lines = _marker_points(marker)
+                contacts = lines[: len(lines) // 2 * 2].reshape(-1, 2, 3)
             elif marker.ns == "standing":
                 standing.append(_marker_points(marker))
         volume = np.array(boxes).reshape(-1, 2, 3)
         points = np.vstack(standing)
-        finite = (np.isfinite(each).all() for each in (volume, regions, corners, points))
+        finite = (np.isfinite(each).all() for each in (volume, regions, corners, points, contacts))
         if not all(finite):
             raise ValueError("it holds numbers that are not finite")
-        return cls(volume, regions, corners[: len(corners) // 3 * 3], points)
+        return cls(
+            volume,
+            regions[: len(regions) // 3 * 3],
+            corners[: len(corners) // 3 * 3],
+            points,
+            contacts,
+        )
 
 
 def _marker_points(marker: Marker) -> Array:
     return np.array([(p.x, p.y, p.z) for p in marker.points], dtype=np.float64).reshape(-1, 3)
-
-
-def region_rectangles(corners: Array) -> Array:
-    """(k, 4, 3) corners in order of the rectangles that (6 k, 3) triangle corners make up.
-
-    What is left over at the end is left out.
-    """
-    whole = corners[: len(corners) // 6 * 6].reshape(-1, 6, 3)
-    return np.asarray(whole[:, [0, 1, 2, 5]])

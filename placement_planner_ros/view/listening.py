@@ -110,8 +110,7 @@ class Listener:
             return
         try:
             heard = self._node.get_subscriber_names_and_types_by_node(name, namespace or "/")
-        # A node whose topics are known before its name is, or that has just gone.
-        except Exception:
+        except RuntimeError:  # its topics are known before its name is, or it has just gone
             return
         for topic, kinds in heard:
             for kind in filter(None, map(_KINDS.get, kinds)):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,7 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
-from placement_planner_ros.playback import Playback
+from placement_planner_ros.playback import CARRIED, Playback
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.listening import Listener
@@ -32,13 +32,8 @@ _MOVED = 1e-4
 look from elsewhere: as it is published V differs in its last digits from the parameter."""
 _ASIDE, _ELEVATION = np.deg2rad([30.0, 50.0])
 """rad: azimuth of the camera's first place from the robot's front, and its elevation."""
-CURVE_PERIOD = 0.5
-"""Seconds after which the curve of a run that goes on is drawn longer."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
-_NO_MARKERS = DrawnMarkers(
-    np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros((0, 3))
-)
 
 
 class Page:
@@ -56,7 +51,7 @@ class Page:
         self.record = RunRecord()
         self.shown: Improvement | None = None
         self._playback: Playback | None = None
-        self._markers = _NO_MARKERS
+        self._markers = DrawnMarkers()
         self._obstacles = np.zeros((0, 3))
         self._drawn: dict[str, object] = {}
         self._faults: dict[str, str] = {}
@@ -103,22 +98,22 @@ class Page:
             self.record.take_status(heard.status, heard.solution, self._listener.positions)
 
     def _hear(self) -> None:
-        listener = self._listener
-        if self._is_new("markers heard", Itself(listener.markers)) and listener.markers is not None:
-            try:
-                self._markers = DrawnMarkers.of(listener.markers)
-                self._fault("markers", "")
-            except ValueError as error:
-                self._fault("markers", str(error))
-        if (
-            self._is_new("cells heard", Itself(listener.occupancy))
-            and listener.occupancy is not None
-        ):
-            try:
-                self._obstacles = thinned_cloud(listener.occupancy, MOST_CELLS).points
-                self._fault("occupancy", "")
-            except PlacementPlannerError as error:
-                self._fault("occupancy", str(error))
+        markers, occupancy = self._listener.markers, self._listener.occupancy
+        if markers is not None and self._is_new("markers heard", Itself(markers)):
+            with self._told("markers"):
+                self._markers = DrawnMarkers.of(markers)
+        if occupancy is not None and self._is_new("cells heard", Itself(occupancy)):
+            with self._told("occupancy"):
+                self._obstacles = thinned_cloud(occupancy, MOST_CELLS).points
+
+    @contextmanager
+    def _told(self, name: str) -> Iterator[None]:
+        """Name what is wrong with what comes by that name, while something is."""
+        self._faults.pop(name, None)
+        try:
+            yield
+        except (ValueError, LookupError, PlacementPlannerError) as error:
+            self._faults[name] = str(error)
 
     def _choose(self) -> None:
         """Look at the solution that was chosen, or the newest."""
@@ -134,11 +129,8 @@ class Page:
             return
         self._playback = None
         if chosen is not None:
-            try:
+            with self._told("motion of the placement"):
                 self._playback = self._playback_of(chosen)
-                self._fault("placement", "")
-            except (ValueError, KeyError, IndexError) as error:
-                self._fault("placement", f"its motion cannot be shown: {error}")
         self._panel.rewind(self._playback.duration if self._playback is not None else 0.0)
 
     def _playback_of(self, improvement: Improvement) -> Playback | None:
@@ -167,44 +159,23 @@ class Page:
 
     def _move(self) -> None:
         """Robot and object, as they are now or as they will be."""
-        at, live = self._panel.time, self._listener.positions
-        playback = self._playback if at > 0.0 else None
-        moment = playback.at(at) if playback is not None else None
-        positions = live if moment is None else moment.positions
+        at, playback = self._panel.time, self._playback
+        moment = playback.at(at) if playback is not None and at > 0.0 else None
+        positions = self._listener.positions if moment is None else moment.positions
         joints = self._world.robot.joints if self._world.robot is not None else ()
         posture = tuple(round(positions.get(name, 0.0) / _MOVED) for name in joints)
-        anew = self._held_anew(playback is not None)
-        if self._is_new("posture", (posture, moment is None)) or anew:
-            self._poses = self._world.link_poses(positions)
-            self._stage.place_robot(self._poses)
-            if moment is not None:
-                held = moment.stage in ("transit", "approach")
-                self._stage.move_held(1, moment.T_world_object, held)
-            else:
-                for k, T in enumerate(self._holding(self._poses)):
-                    self._stage.move_held(k, T)
-        if self._is_new("ghost", Itself(playback)):
-            self._stage.place_ghost(None if playback is None else self._start_of(playback))
-            self._stage.show_label(playback is None)  # as it would be in front of the hand
-
-    def _start_of(self, playback: Playback) -> Mapping[str, pin.SE3]:
-        """Where the links that move are at the start."""
-        poses = self._world.link_poses(playback.at(0.0).positions)
-        after = self._world.link_poses(playback.at(playback.carry.duration).positions)
-        return {name: T for name, T in poses.items() if not T.isApprox(after[name], 1e-6)}
-
-    def _held_anew(self, playing: bool) -> bool:
-        """Draw the objects in hands anew where there are others; whether there were."""
-        holding = self._holding(self._world.link_poses(self._listener.positions))
-        key = (playing, len(holding), Itself(self._world.object), Itself(self._playback))
-        if not self._is_new("held", key):
-            return False
-        if playing and self._playback is not None:
-            start = self._playback.at(0.0).T_world_object
-            self._stage.draw_held(self._world.object, [start, start], ghost=True)
+        stage = "" if moment is None else moment.stage
+        held = Itself(self._world.object), Itself(playback), self._confirmed
+        if not self._is_new("posture", (posture, stage, held, self._listener.parameters.count)):
+            return
+        self._poses = self._world.link_poses(positions)
+        self._stage.place_robot(self._poses)
+        if moment is None:
+            holding = self._holding(self._poses)
         else:
-            self._stage.draw_held(self._world.object, holding, ghost=False)
-        return True
+            holding = [moment.T_world_object] if stage in CARRIED else []
+        self._stage.draw_held(self._world.object, holding)
+        self._stage.show_label(moment is None)  # as it would be in front of the hand
 
     def _holding(self, poses: Mapping[str, pin.SE3]) -> list[pin.SE3]:
         """T_world_object of the object in the hand: of each hand, where it is not known which."""
@@ -229,7 +200,7 @@ class Page:
             if self._drawn.get(f"heard {topic}") == key:
                 continue
             points, why_not = self._world.in_planning_frame(cloud, self._poses)
-            self._fault(topic, why_not)
+            self._faults[topic] = why_not
             if points is None:
                 continue
             self._drawn[f"heard {topic}"] = key
@@ -245,16 +216,14 @@ class Page:
             self._stage.draw_placement(surface, T, name)
             path = self._playback.path() if self._playback is not None else None
             self._stage.draw_path(path)
-        others = [each for each in self.record.improvements.values() if each is not shown]
-        if self._is_new("earlier", (tuple(map(Itself, others)), Itself(surface))):
-            poses = [pose_of(each.solution.pose.pose) for each in others]
-            self._stage.draw_earlier(surface, poses)
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
         # It is large and hidden at first, so that it is sent to nobody who does not ask for it.
         if "occupancy" in self._panel.visible and self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
         if self._is_new("standing", self._markers.standing.tobytes()):
             self._stage.draw_standing(self._markers.standing)
+        if self._is_new("contacts", self._markers.contacts.tobytes()):
+            self._stage.draw_contacts(self._markers.contacts)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
         # Each placement brings the regions along, mostly those that there were.
@@ -291,17 +260,10 @@ class Page:
     # --- what is said
 
     def _write(self) -> None:
-        record, shown = self.record, self.shown
-        best = record.best
-        last = 0 if best is None else best.solution.number
-        status = record.status
-        reason = "" if status is None else status.validity.reason
-        if self._confirmed:
-            reason = ""
-        place = list(record.improvements.values()).index(shown) if shown is not None and (
-            shown.solution.number in record.improvements
-        ) else -1  # fmt: skip
-        self._panel.curve.draw(record.curve, _told_duration(record), place)
+        record = self.record
+        last = 0 if record.best is None else record.best.solution.number
+        reason = "" if record.status is None else record.status.validity.reason
+        self._panel.curve.draw(record.curve, float(int(record.elapsed)))
         self._panel.write(
             heading=words.heading_html(record, self._listener.absent),
             placement=words.placement_html(
@@ -313,12 +275,6 @@ class Page:
             ),
             stage=self._stage_words(),
             bars=charts.rejection_bars(record.rejected, record.samples),
-            legend=charts.colour_legend(
-                len(record.improvements) > 1,
-                len(self._markers.standing) > 0,
-                self._panel.time > 0.0,
-                "occupancy" in self._panel.visible,
-            ),
             note=words.note_html("; ".join(self._said_faults())),
         )
 
@@ -334,18 +290,9 @@ class Page:
         faults = {**self._listener.faults, **self._world.faults, **self._faults}
         return [f"{name}: {said}" for name, said in faults.items() if said]
 
-    def _fault(self, name: str, said: str) -> None:
-        self._faults[name] = said
-
     def _is_new(self, name: str, key: object) -> bool:
         """Whether that is another than at the last look."""
         if name in self._drawn and self._drawn[name] == key:
             return False
         self._drawn[name] = key
         return True
-
-
-def _told_duration(record: RunRecord) -> float:
-    """Seconds that a run has gone on for; while it goes on in steps, each of which is sent."""
-    steps = CURVE_PERIOD if record.active else 0.1
-    return math.floor(record.elapsed / steps) * steps

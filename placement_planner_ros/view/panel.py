@@ -51,10 +51,9 @@ class Panel:
         self._stage = gui.add_html("")
         self.curve = ObjectiveCurve(gui)
         self._bars = gui.add_html("")
-        self._legend = gui.add_html("")
         self._note = gui.add_html("")
         self._boxes: dict[str, Any] = {}
-        with gui.add_folder("Show", expand_by_default=False):
+        with gui.add_folder("Show"):
             for name, words in LAYERS.items():
                 self._boxes[name] = gui.add_checkbox(words, name not in _HIDDEN)
                 show(name, name not in _HIDDEN)
@@ -121,7 +120,7 @@ class Panel:
         self._play.icon = icon
 
     def write(self, **content: str) -> None:
-        """HTML for heading, placement, stage, bars, legend or note, sent where it is new."""
+        """HTML for heading, placement, stage, bars or note, sent where it is new."""
         for name, html in content.items():
             if self._shown.get(name) != html:
                 self._shown[name] = html

@@ -100,21 +100,14 @@ class RunRecord:
     @property
     def samples(self) -> int:
         """How many the run has drawn."""
-        return _parsed_count("" if self.status is None else self.status.values.get("samples", ""))
+        return 0 if self.status is None else int(self.status.values.get("samples", 0))
 
     @property
     def rejected(self) -> dict[str, int]:
         """How many samples each constraint rejected, by its name, in the order of the checks."""
         values = {} if self.status is None else self.status.values
         return {
-            name.removeprefix(_REJECTED): _parsed_count(value)
+            name.removeprefix(_REJECTED): int(value)
             for name, value in values.items()
             if name.startswith(_REJECTED)
         }
-
-
-def _parsed_count(text: str) -> int:
-    try:
-        return max(0, int(text))
-    except ValueError:
-        return 0

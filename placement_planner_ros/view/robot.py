@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.view.coarsening import coarse_enough
 from placement_planner_ros.view.robot_shapes import FindFile, link_shapes
 
 
@@ -19,7 +18,7 @@ class ShownRobot:
     Attributes:
         root: its root link.
         joints: movable joints that mimic no other.
-        shapes: of the links that can be drawn, not too fine to be drawn quickly.
+        shapes: of the links that can be drawn.
         lacking: in words, what cannot be drawn.
 
     Args:
@@ -49,9 +48,7 @@ class ShownRobot:
             for name, joint in zip(self._model.names, self._model.joints, strict=True)
         }
         self._posed: tuple[bytes, str, dict[str, pin.SE3]] | None = None
-        self.lacking: list[str]
-        shapes, self.lacking = link_shapes(description, find)
-        self.shapes = coarse_enough(shapes)
+        self.shapes, self.lacking = link_shapes(description, find)
 
     def has_link(self, name: str) -> bool:
         """Whether the robot has a link of that name."""

@@ -1,7 +1,8 @@
-"""Visual meshes and primitives of a robot's URDF, link by link."""
+"""Collision meshes and primitives of a robot's URDF, link by link: what the planner checks."""
 
 from __future__ import annotations
 
+import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,58 +17,38 @@ from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.description import Description, read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
-Colour = tuple[int, int, int]
 FindFile = Callable[[str], Path]
 """The file that a mesh's URI names. Raises an OSError where there is none."""
-
-PLAIN: Colour = (200, 202, 208)
-"""Of links to which the URDF gives no colour."""
+UNREADABLE = (ArithmeticError, AttributeError, LookupError, NotImplementedError, OSError,
+              RobotError, TypeError, ValueError, struct.error)  # fmt: skip
+"""What loaders raise at files that are not what their names say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkShape:
-    """One link's surface.
+    """One link's collision surface.
 
     Attributes:
         link: its name.
         vertices, triangles: (n, 3) metres in the link's frame and (t, 3).
-        colour: red, green, blue, 0 to 255.
     """
 
     link: str
     vertices: Array
     triangles: npt.NDArray[np.int64]
-    colour: Colour
 
 
 def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShape], list[str]]:
-    """Each link that can be drawn, and in words what cannot.
-
-    A link whose visual elements cannot be read is drawn by its collision elements.
-    """
-    colours = {
-        material.get("name", ""): colour
-        for material in description.root.findall("material")
-        if (colour := _rgba_colour(material)) is not None
-    }
+    """Each link with collision elements that can be drawn, and in words what cannot."""
     shapes, lacking = [], []
     for link in description.root.findall("link"):
-        name, faults = link.get("name", ""), []
-        for kind in ("visual", "collision"):
-            elements = link.findall(kind)
-            if not elements:
-                continue
-            try:
-                vertices, triangles = _joined_shapes(elements, f"link {name}: {kind}", find)
-            # Loaders raise whatever they like at what they are given.
-            except Exception as error:
-                faults.append(f"link {name}: {kind}: {error}")
-                continue
-            colour = _material_colour(elements[0], colours) if kind == "visual" else None
-            shapes.append(LinkShape(name, vertices, triangles, colour or PLAIN))
-            break
-        else:
-            lacking += faults[:1]
+        name, elements = link.get("name", ""), link.findall("collision")
+        if not elements:
+            continue
+        try:
+            shapes.append(LinkShape(name, *_joined_shapes(elements, f"link {name}", find)))
+        except UNREADABLE as error:
+            lacking.append(f"link {name}: {error}")
     return shapes, lacking
 
 
@@ -111,22 +92,3 @@ def _shape_mesh(
     else:
         raise RobotError(field, tag, "is no shape of a URDF")
     return np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int64)
-
-
-def _material_colour(element: ET.Element, named: dict[str, Colour]) -> Colour | None:
-    material = element.find("material")
-    if material is None:
-        return None
-    return _rgba_colour(material) or named.get(material.get("name", ""))
-
-
-def _rgba_colour(material: ET.Element) -> Colour | None:
-    colour = material.find("color")
-    if colour is None:
-        return None
-    try:
-        rgba = read_floats(colour.get("rgba", ""), 4, "material")
-    except RobotError:
-        return None
-    red, green, blue = (round(255.0 * each) for each in np.clip(rgba[:3], 0.0, 1.0).tolist())
-    return red, green, blue

@@ -32,10 +32,7 @@ class ThinCloud:
 
 
 def thinned_cloud(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
-    """Every k-th point of a cloud, of an organised one every so many-th row and column.
-
-    Every k-th pixel along the rows would be stripes with gaps where the width is about a multiple
-    of k. At most `most` points are left.
+    """At most `most` points: every k-th row and column of an organised cloud, else every k-th.
 
     The node reads all points of its clouds; this is for looking only, and loads nothing that has to
     be compiled.
@@ -46,14 +43,9 @@ def thinned_cloud(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
     height, width, count = message.height, message.width, message.height * message.width
     if count == 0:
         return ThinCloud(message.header.frame_id, np.zeros((0, 3)), 0)
-    all_of_them = structured_points(message)
-    every = -(-count // most)
-    down = min(math.isqrt(every), height)
-    along = min(-(-every // down), width)
-    down = max(down, -(-every // along))  # a cloud may be narrow
-    while -(-height // down) * -(-width // along) > most:  # the last steps count as whole ones
-        along, down = (along + 1, down) if along < width else (along, down + 1)
-    few = all_of_them[::down, ::along]
+    down = min(math.ceil(math.sqrt(count / most)), height)
+    along = math.ceil(width / max(1, most // math.ceil(height / down)))
+    few = structured_points(message)[::down, ::along]
     points = np.column_stack([few[name].ravel().astype(np.float64) for name in "xyz"])
     finite = np.isfinite(points).all(axis=1)
     return ThinCloud(message.header.frame_id, points[finite], count)

@@ -74,20 +74,14 @@ def heading_html(record: RunRecord, absent: str) -> str:
         f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px">'
         f"{escape(state)}</span>"
     )
-    count = _sample_count(record.samples, status.solutions, status.ended)
-    parts = [f"Run …{str(record.run)[-6:]} {badge}", count]
+    yet = "" if status.ended else " yet"
+    found = f"{status.solutions} placements found" if status.solutions else f"none found{yet}"
+    parts = [f"Run …{str(record.run)[-6:]} {badge}", f"{record.samples:,} samples tried, {found}"]
     if gap := status.values.get("gap"):
         parts.append(f"nothing is better by more than {float(gap):.3g}")
     if empty:
         parts.append(escape(status.message))
     return _html_block("<br>".join(parts), "#222")
-
-
-def _sample_count(samples: int, solutions: int, ended: bool) -> str:
-    if solutions == 0:
-        return f"{samples:,} samples tried, no placement found{'' if ended else ' yet'}"
-    found = "1 placement found" if solutions == 1 else f"{solutions} found, each better than before"
-    return f"{samples:,} samples tried, {found}"
 
 
 def placement_html(
@@ -113,6 +107,8 @@ def placement_html(
         + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
     ]
     lines += [_term_words(solution.terms)] if solution.terms else []
+    if solution.leans_on:
+        lines.append(f"it leans on {escape(solution.leans_on)}")
     if solution.unseen:
         lines.append(f"{solution.unseen:.1%} of the way leads where no camera looked")
     if placed:

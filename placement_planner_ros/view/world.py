@@ -17,6 +17,7 @@ from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.robot import ShownRobot
+from placement_planner_ros.view.robot_shapes import UNREADABLE
 from placement_planner_ros.view.thinning import ThinCloud, moved_points
 
 Surface = tuple[Array, npt.NDArray[np.int64]]
@@ -143,8 +144,7 @@ class World:
                 self.object = corners * scale, faces
             else:
                 self.object = None
-        # Loaders of meshes raise whatever they like.
-        except Exception as error:
+        except UNREADABLE as error:
             self.object = None
             self.faults["object"] = str(error)
 

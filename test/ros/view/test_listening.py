@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point
 from helpers.fakes import Spinning
 from helpers.system import wait
 from rclpy.executors import SingleThreadedExecutor
@@ -138,7 +139,9 @@ def test_no_node_is_said_and_one_that_comes_later_is_heard(ros):
 def test_markers_that_are_none_are_refused_or_left_out():
     volume = Marker(ns="target_volume", type=Marker.CUBE)
     volume.scale.x = volume.scale.y = volume.scale.z = 0.5
-    drawn = DrawnMarkers.of(MarkerArray(markers=[volume, Marker(ns="another's")]))
+    held = Marker(ns="contacts", points=[Point(x=float(k)) for k in range(5)])
+    drawn = DrawnMarkers.of(MarkerArray(markers=[volume, held, Marker(ns="another's")]))
+    assert drawn.contacts[..., 0].tolist() == [[0.0, 1.0], [2.0, 3.0]]
     assert drawn.volume.tolist() == [[[-0.25] * 3, [0.25] * 3]]
     assert len(drawn.regions) == 0
     volume.pose.position.x = float("nan")

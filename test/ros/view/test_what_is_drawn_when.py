@@ -7,8 +7,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.view.robot_shapes import LinkShape
-
 module = pytest.importorskip("placement_planner_ros.view.page", reason="viser is not installed")
 
 V = [0.3, -0.2, 0.0, 0.6, 0.2, 0.3]
@@ -23,7 +21,7 @@ def page():
     known = {"target_volume": V}
     box = np.array(np.meshgrid([-0.1, 0.1], [-0.1, 0.1], [0.0, 0.5])).reshape(3, -1).T
     world = SimpleNamespace(
-        robot=SimpleNamespace(shapes=[LinkShape("base", box, np.zeros((0, 3), int), None)]),
+        robot=SimpleNamespace(root="base"),
         object=(box, np.zeros((0, 3), int)),
         known=known,
         faults={},
@@ -43,16 +41,20 @@ def looks(page):
     return page._stage.look_from.call_count
 
 
-def test_the_camera_stays_until_robot_volume_or_topics_are_others(page):
+def test_the_camera_stays_until_robot_or_volume_are_others(page):
     assert looks(page) == 1
     page._listener.positions = {"j": 0.7}
     page._world.known["target_volume"] = [*V[:5], V[5] + 1e-6]  # as it is published
     assert looks(page) == 0
-    page._listener.clouds["points"] = np.full((50, 3), 0.4)
-    assert looks(page) == 1
-    page._listener.clouds["points"] = np.full((50, 3), 0.1)  # the next one of that topic
-    assert looks(page) == 0
     page._world.known["target_volume"] = [*V[:5], V[5] + 0.1]
     assert looks(page) == 1
-    page._world.robot = SimpleNamespace(shapes=page._world.robot.shapes)
+    page._world.robot = SimpleNamespace(root="base")
     assert looks(page) == 1
+
+
+def test_the_camera_looks_at_the_volume_and_the_robot_faces_it(page):
+    page._look()
+    eye, at = page._stage.look_from.call_args.args
+    assert at == pytest.approx([0.45, 0.0, 0.15])
+    assert (eye - at)[0] > 0.2  # beyond V, as the robot sees it
+    assert (eye - at)[2] > 0.2
