@@ -6,8 +6,6 @@ merged into the forward tree when it meets them, without that counting as succes
 
 All trees live in one pool of nodes with one label per node (0 = forward). Merging reverses the
 parents between the meeting node and the goal and relabels the tree; no node is copied.
-
-`benchmarks.motion.ompl_planner` offers the same search as an `ompl.base.Planner`.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ class GoalSetRRTSettings(Settings):
     """How the trees grow.
 
     Attributes:
-        max_step: longest edge, in the weighted metric (radians with unit weights).
+        max_step: longest edge, the norm over the joints.
         local_share: share of samples drawn around a random node of the tree that grows (normal,
             half of `max_step` in each coordinate). Trees confined by obstacles get out of them
             this way.
@@ -43,25 +41,18 @@ class GoalSetRRTSettings(Settings):
             random active goal (normal, `max_step` in each coordinate), since detours are mostly
             short. The rest is drawn uniformly within the bounds.
         max_nodes: nodes kept in all trees together; beyond it they are cut back, see `GoalSetRRT`.
-        weights: (dof,) scale of each coordinate in the metric, such as how far a joint moves the
-            hand per radian; None = all one.
     """
 
     max_step: float = setting(1.2, "(0, inf)")
     local_share: float = setting(0.15, "[0, 1)")
     between_share: float = setting(0.65, "[0, 1)")
     max_nodes: int = setting(20_000, "[2, inf)")
-    weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         if self.local_share + self.between_share >= 1.0:
             shares = (self.local_share, self.between_share)
             raise ParameterError("local_share + between_share", shares, "leave some to uniform")
-        if self.weights is not None:
-            weights = np.asarray(self.weights, dtype=np.float64)
-            if weights.ndim != 1 or not (np.isfinite(weights) & (weights > 0.0)).all():
-                raise ParameterError("weights", self.weights, "give finite numbers above zero")
 
 
 @dataclass(slots=True)
@@ -82,13 +73,12 @@ class _Goal:
 
 @njit(cache=True, nogil=True)
 def _nearest_node(
-    nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
+    nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, label: int
 ) -> int:
     """Index of the node closest to `q` among those with `label` (-1: any backward tree), or -1.
 
     Args:
         nodes: (dof, capacity), one column per node, so that the inner loops vectorise.
-        scale: (dof,) squared weights.
     """
     distances = np.empty(_BLOCK_NODES)
     best = np.inf
@@ -99,14 +89,13 @@ def _nearest_node(
         d2 = distances[:size]
         d2[:] = 0.0
         block_labels = labels[low : low + size]
-        # Squared weighted distances of the block, joint by joint.
+        # Squared distances of the block, joint by joint.
         for j in range(nodes.shape[0]):
             row = nodes[j, low : low + size]
             x = q[j]
-            w = scale[j]
             for i in range(size):
                 d = row[i] - x
-                d2[i] += w * d * d
+                d2[i] += d * d
         # The nearest with the label.
         for i in range(size):
             if d2[i] < best:
@@ -169,7 +158,7 @@ class GoalSetRRT:
                 motions between such configurations keep that, and start, goals and branches do.
 
         Raises:
-            ParameterError: bounds, start or weights do not fit each other.
+            ParameterError: bounds and start do not fit each other.
         """
         self._lower = np.array(lower, dtype=np.float64)
         self._upper = np.array(upper, dtype=np.float64)
@@ -178,16 +167,12 @@ class GoalSetRRT:
             raise ParameterError("bounds", bounds, "give lower and upper of the same length")
         if not (np.isfinite(bounds).all() and (self._lower <= self._upper).all()):
             raise ParameterError("bounds", bounds, "give finite numbers, lower not above upper")
-        weights = settings.weights if settings.weights is not None else (1.0,) * len(self._lower)
-        if len(weights) != len(self._lower):
-            raise ParameterError("weights", weights, f"give {len(self._lower)}, one per joint")
-        self._scale = np.array(weights, dtype=np.float64) ** 2
         self._settings = settings
         self._edge_is_free = edge_is_free
         self._tied = tied or (lambda q: q)
         self._projected: ProjectedSteps | None = None
         if constraint is not None:
-            self._projected = ProjectedSteps(constraint, settings.max_step, self._scale)
+            self._projected = ProjectedSteps(constraint, settings.max_step)
         self._rng = rng
         self.iterations = 0
         self.edges_checked = 0
@@ -310,16 +295,6 @@ class GoalSetRRT:
         key = self._connected.popleft()
         return key, self._path_to(self._goals[key].root)
 
-    def clear(self) -> None:
-        """Forget all goals and trees, and keep the start."""
-        self._goals.clear()
-        self._unreached.clear()
-        self._untried.clear()
-        self._connected.clear()
-        self._sizes = [1]
-        self._turns = self._forward_turns = 0
-        self._count = 1
-
     def trees(self) -> tuple[Array, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         """A copy of all trees: nodes (n, dof), parents (n,) or -1 at roots, labels (n,).
 
@@ -373,7 +348,7 @@ class GoalSetRRT:
         else:
             return self._tied(rng.uniform(self._lower, self._upper))
         # Normally distributed about the mean, within the bounds.
-        q = mean + spread / np.sqrt(self._scale) * rng.standard_normal(len(mean))
+        q = mean + spread * rng.standard_normal(len(mean))
         return self._tied(np.minimum(np.maximum(q, self._lower), self._upper))
 
     def _extend(self, label: int) -> int:
@@ -426,7 +401,7 @@ class GoalSetRRT:
             step = along.step(origin, projected)
             if step is None or np.array_equal(step[0], origin) or not self._is_free(near, step[0]):
                 break
-            gone += float(np.sqrt(np.dot(self._scale, (step[0] - origin) ** 2)))
+            gone += float(np.linalg.norm(step[0] - origin))
             near = new = self._append(step[0], near, int(self._labels[near]))
             if step[1]:
                 break
@@ -436,7 +411,7 @@ class GoalSetRRT:
         """At most `max_step` from a node towards `target`; whether that is the target itself."""
         q = self._q(node)
         difference = target - q
-        distance = float(np.sqrt(np.dot(self._scale, difference * difference)))
+        distance = float(np.linalg.norm(difference))
         if distance <= self._settings.max_step:
             return target, True
         return q + (self._settings.max_step / distance) * difference, False
@@ -481,7 +456,7 @@ class GoalSetRRT:
         return self._nodes[:, node].copy()
 
     def _nearest(self, q: Array, label: int) -> int:
-        return int(_nearest_node(self._nodes, self._labels, self._count, q, self._scale, label))
+        return int(_nearest_node(self._nodes, self._labels, self._count, q, label))
 
     def _in_forward_tree(self, goal: _Goal) -> bool:
         return bool(self._labels[goal.root] == _FORWARD)

@@ -41,16 +41,15 @@ class ProjectedSteps:
     """Steps from configuration to configuration, each edge keeping the constraint.
 
     Args:
-        longest: step, in the metric weighted by `scale` (dof,), squared weights.
+        longest: step, the norm over the joints.
 
     Attributes:
         constraint: as given.
     """
 
-    def __init__(self, constraint: Constraint, longest: float, scale: Array) -> None:
+    def __init__(self, constraint: Constraint, longest: float) -> None:
         self.constraint = constraint
         self._longest = longest
-        self._scale = scale
         self._length = longest
 
     def begin(self) -> None:
@@ -63,7 +62,7 @@ class ProjectedSteps:
         Both keep the constraint. None where no step comes nearer.
         """
         difference = target - q
-        distance = self._norm(difference)
+        distance = _norm_of(difference)
         # Start from the length that worked last, doubled.
         length = min(2.0 * self._length, self._longest)
         while length >= _SHORTEST_SHARE * self._longest:
@@ -77,8 +76,8 @@ class ProjectedSteps:
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
-                    and self._norm(target - near) <= distance - _PROGRESS_SHARE * length
-                    and self._norm(near - q) <= _DETOUR_STEPS * length
+                    and _norm_of(target - near) <= distance - _PROGRESS_SHARE * length
+                    and _norm_of(near - q) <= _DETOUR_STEPS * length
                     and self.constraint.keeps(q, near)
                 ):
                     self._length = length
@@ -96,12 +95,13 @@ class ProjectedSteps:
             step = self.step(way[-1], b)
             if step is None:
                 return None
-            gone += self._norm(step[0] - way[-1])
-            if gone + self._norm(b - step[0]) >= longest:
+            gone += _norm_of(step[0] - way[-1])
+            if gone + _norm_of(b - step[0]) >= longest:
                 return None
             way.append(step[0])
             if step[1]:
                 return way[1:]
 
-    def _norm(self, difference: Array) -> float:
-        return float(np.sqrt(np.dot(self._scale, difference * difference)))
+
+def _norm_of(difference: Array) -> float:
+    return float(np.linalg.norm(difference))

@@ -58,7 +58,7 @@ def shorten_path(
     # Along a constraint, shortcuts are walked.
     along = None
     if constraint is not None:
-        along = ProjectedSteps(constraint, _PROJECTED_STEP, np.ones(path.shape[1]))
+        along = ProjectedSteps(constraint, _PROJECTED_STEP)
         attempts *= _CONSTRAINED_ATTEMPTS
     # Independent tries, of which the shortest is taken.
     for child in rng.spawn(tries):

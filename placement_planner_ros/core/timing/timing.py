@@ -73,10 +73,8 @@ class CurveSettings(Settings):
 def parameterize_path(
     path: Array,
     joints: Sequence[str],
-    velocity: Array,
-    acceleration: Array,
+    limits: Array,
     edge_free: EdgeFree,
-    settings: CurveSettings | None = None,
     should_stop: Callable[[], bool] = lambda: False,
     carried: CarriedPoint | None = None,
 ) -> Trajectory | None:
@@ -90,10 +88,9 @@ def parameterize_path(
     Args:
         path: (n, dof) waypoints, n ≥ 1. Waypoints within 1e-9 of their predecessor are left out.
         joints: names, in column order.
-        velocity, acceleration: (dof,) limits, finite and above zero.
+        limits: (2, dof) of velocity and acceleration, finite and above zero.
         edge_free: (a, b, deviation) -> whether every motion that stays within `deviation` (dof,),
             joint by joint, of the straight motion from a to b is free.
-        settings: how finely.
         should_stop: asked before every edge and every timing, which takes some 10 ms.
         carried: a point whose acceleration is limited, too, on the whole curve.
 
@@ -104,9 +101,8 @@ def parameterize_path(
     Raises:
         ParameterError: shapes or limits are unusable.
     """
-    settings = settings if settings is not None else CurveSettings()
+    settings, limits = CurveSettings(), np.array(limits, dtype=np.float64)
     path = np.array(path, dtype=np.float64)
-    limits = np.array([velocity, acceleration], dtype=np.float64)
     if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
         raise ParameterError("path", path.shape, "give at least one finite waypoint")
     if path.shape[1] != len(joints) or limits.shape != (2, len(joints)):

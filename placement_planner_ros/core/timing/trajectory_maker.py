@@ -124,8 +124,12 @@ class TrajectoryMaker:
             constraint=holding.upright,
         )
         # The transit, by limits scaled for it.
-        velocity = holding.arm.velocity * settings.velocity_scaling
-        acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
+        limits = np.array(
+            [
+                holding.arm.velocity * settings.velocity_scaling,
+                settings.accelerations(holding.arm) * settings.acceleration_scaling,
+            ]
+        )
 
         def approach_free(a: Array, b: Array, deviation: Array) -> bool:
             return holding.timed_free(a, b, deviation, contact=True)
@@ -134,24 +138,22 @@ class TrajectoryMaker:
         transit = parameterize_path(
             path,
             joints,
-            velocity,
-            acceleration,
+            limits,
             holding.timed_free,
-            should_stop=should_stop,
-            carried=carried,
+            should_stop,
+            carried,
         )
         if transit is None:
             return None
         # The approach, slower, with contact allowed.
-        slow = settings.approach_scaling
+        slow = settings.approach_scaling * limits
         approach = parameterize_path(
             goal.approach,
             joints,
-            slow * velocity,
-            slow * acceleration,
+            slow,
             approach_free,
-            should_stop=should_stop,
-            carried=carried,
+            should_stop,
+            carried,
         )
         if approach is None:
             return None
@@ -167,14 +169,7 @@ class TrajectoryMaker:
             leaving_free = holding.open_hand.edge_free(
                 goal.grasp, goal.T_world_object, goal.retreat
             )
-            retreat = parameterize_path(
-                goal.retreat,
-                joints,
-                slow * velocity,
-                slow * acceleration,
-                leaving_free,
-                should_stop=should_stop,
-            )
+            retreat = parameterize_path(goal.retreat, joints, slow, leaving_free, should_stop)
         if retreat is None and (holding.require_retreat or should_stop()):
             return None
         return TimedMotion(concatenate_trajectories(transit, approach), transit.duration, retreat)

@@ -243,10 +243,6 @@ def test_bad_input_is_named():
         build(upper=np.array([np.inf, 1.0]))
     with pytest.raises(ParameterError, match="bounds"):
         build(lower=UPPER + 1)
-    with pytest.raises(ParameterError, match="weights"):
-        build(settings=GoalSetRRTSettings(weights=(1.0,)))
-    with pytest.raises(ParameterError, match="weights"):
-        GoalSetRRTSettings(weights=(1.0, 0.0))
     with pytest.raises(ParameterError, match="max_step"):
         GoalSetRRTSettings(max_step=0.0)
     with pytest.raises(ParameterError, match="local_share"):

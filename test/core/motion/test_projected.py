@@ -64,7 +64,7 @@ def test_a_way_is_found_along_the_ring(seed):
 
 def test_steps_come_nearer_on_edges_that_keep_it():
     ring = Ring()
-    steps = ProjectedSteps(ring, 0.8, np.ones(2))
+    steps = ProjectedSteps(ring, 0.8)
     target = np.array([np.cos(2.5), np.sin(2.5)])
     q, arrived, number = START, False, 0
     while not arrived:

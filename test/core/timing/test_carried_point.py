@@ -51,8 +51,8 @@ def timed(arm, limit, seed=0):
     path = start + np.cumsum(rng.uniform(-0.25, 0.25, (5, made.dof)), axis=0)
     path = np.clip(path, made.lower, made.upper)
     carried = CarriedPoint(chain, POINT, limit) if limit else None
-    speed, strength = np.full(made.dof, 2.0), np.full(made.dof, 5.0)
-    return path, parameterize_path(path, made.joints, speed, strength, always, carried=carried)
+    limits = np.array([np.full(made.dof, 2.0), np.full(made.dof, 5.0)])
+    return path, parameterize_path(path, made.joints, limits, always, carried=carried)
 
 
 def reached(arm, trajectory, per_second=4000):

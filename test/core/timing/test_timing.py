@@ -21,6 +21,7 @@ from placement_planner_ros.core.types import Trajectory
 JOINTS = ("a", "b")
 VELOCITY = np.array([1.0, 2.0])
 ACCELERATION = np.array([4.0, 3.0])
+LIMITS = np.stack([VELOCITY, ACCELERATION])
 
 
 def always(a, b, deviation):
@@ -92,14 +93,14 @@ def test_random_paths_keep_limits_and_polyline(seed):
     path = random_path(rng, dof, int(rng.integers(2, 15)), 10.0 ** rng.uniform(-2.5, 0.5))
     velocity, acceleration = rng.uniform(0.1, 6.0, dof), rng.uniform(0.5, 20.0, dof)
     trajectory = parameterize_path(
-        path, [f"j{i}" for i in range(dof)], velocity, acceleration, always
+        path, [f"j{i}" for i in range(dof)], np.stack([velocity, acceleration]), always
     )
     assert_sound(trajectory, path, velocity, acceleration, 0.2)
 
 
 def test_a_straight_line_takes_about_the_shortest_time():
     path = np.array([[0.0, 0.0], [1.5, 0.3]])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, LIMITS, always)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-9)
     shortest = 1.5 / 1.0 + 1.0 / 4.0  # trapezoid of the first joint
     assert shortest <= trajectory.duration <= 1.1 * shortest
@@ -137,14 +138,14 @@ class Square:
 def test_an_obstacle_inside_the_corner_is_never_entered(gap):
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     square = Square([0.1, gap], [1.0 - gap, 0.9])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, square.edge_free)
+    trajectory = parameterize_path(path, JOINTS, LIMITS, square.edge_free)
     assert trajectory is not None
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     _, q, _, _ = sample(trajectory, 200)
     assert not square.contains(q).any()
     if gap < 0.05:
         assert square.refused > 0
-        free = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
+        free = parameterize_path(path, JOINTS, LIMITS, always)
         assert square.contains(sample(free)[1]).any(), "the obstacle matters"
         assert trajectory.duration > free.duration
 
@@ -162,7 +163,7 @@ def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
         return True
 
     velocity, acceleration = np.full(3, 1.5), np.full(3, 5.0)
-    trajectory = parameterize_path(path, "abc", velocity, acceleration, record)
+    trajectory = parameterize_path(path, "abc", np.stack([velocity, acceleration]), record)
     _, q, _, _ = sample(trajectory)
     covered = np.zeros(len(q), dtype=bool)
     for a, b, deviation in certified:
@@ -180,7 +181,7 @@ def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
 
 def test_refused_everywhere_gives_none():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    assert parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, lambda a, b, d: False) is None
+    assert parameterize_path(path, JOINTS, LIMITS, lambda a, b, d: False) is None
 
 
 def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
@@ -190,7 +191,7 @@ def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
         ends = distance_to_polyline(np.array([a, b, 0.5 * (a + b)]), path)
         return bool(max(ends.max(), deviation.max()) < 1e-8)
 
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, on_polyline)
+    trajectory = parameterize_path(path, JOINTS, LIMITS, on_polyline)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
     for waypoint in path[1:-1]:
         (k,) = np.flatnonzero((trajectory.positions == waypoint).all(axis=1))
@@ -199,10 +200,10 @@ def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
 
 def test_repeated_waypoints_and_paths_that_do_not_move():
     path = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1e-12], [1.0, 1.0], [1.0, 1.0]])
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, LIMITS, always)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     for still in ([[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0]]):
-        trajectory = parameterize_path(np.array(still), JOINTS, VELOCITY, ACCELERATION, always)
+        trajectory = parameterize_path(np.array(still), JOINTS, LIMITS, always)
         np.testing.assert_array_equal(trajectory.positions, [[1.0, 2.0]])
         np.testing.assert_array_equal(trajectory.velocities, 0.0)
         assert trajectory.duration == 0.0
@@ -210,18 +211,18 @@ def test_repeated_waypoints_and_paths_that_do_not_move():
 
 def test_tiny_and_dense_paths():
     tiny = np.array([[0.3, 0.3], [0.3 + 1e-7, 0.3]])
-    trajectory = parameterize_path(tiny, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(tiny, JOINTS, LIMITS, always)
     assert_sound(trajectory, tiny, VELOCITY, ACCELERATION, 1e-9)
     x = np.linspace(0.0, 0.5, 60)
     dense = np.stack([x, 0.2 * np.sin(3.0 * x)], axis=1)
-    trajectory = parameterize_path(dense, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(dense, JOINTS, LIMITS, always)
     assert_sound(trajectory, dense, VELOCITY, ACCELERATION, 1e-3)
     assert trajectory.duration < 1.0, "no stops on a smooth line"
 
 
 def test_evaluate_is_the_quintic_and_stands_still_outside():
     path = random_path(np.random.default_rng(0), 2, 5, 1.0)
-    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, LIMITS, always)
     t, q, v, a = sample(trajectory)
     for ours, theirs in zip(evaluate_trajectory(trajectory, t), (q, v, a), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-8)
@@ -233,8 +234,8 @@ def test_evaluate_is_the_quintic_and_stands_still_outside():
 
 def test_concatenate_keeps_both_curves():
     path = random_path(np.random.default_rng(2), 2, 6, 1.0)
-    first = parameterize_path(path[:3], JOINTS, VELOCITY, ACCELERATION, always)
-    second = parameterize_path(path[2:], JOINTS, 0.2 * VELOCITY, ACCELERATION, always)
+    first = parameterize_path(path[:3], JOINTS, LIMITS, always)
+    second = parameterize_path(path[2:], JOINTS, 0.2 * LIMITS, always)
     both = concatenate_trajectories(first, second)
     assert both.duration == pytest.approx(first.duration + second.duration)
     assert (np.diff(both.times) > 0.0).all()
@@ -248,14 +249,14 @@ def test_concatenate_keeps_both_curves():
         evaluate_trajectory(second, t)[0],
         atol=1e-9,
     )
-    still = parameterize_path(path[[2]], JOINTS, VELOCITY, ACCELERATION, always)
+    still = parameterize_path(path[[2]], JOINTS, LIMITS, always)
     np.testing.assert_array_equal(concatenate_trajectories(first, still).times, first.times)
     np.testing.assert_array_equal(concatenate_trajectories(still, second).times, second.times)
 
 
 def test_concatenate_refuses_what_does_not_meet():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    first = parameterize_path(path[:2], JOINTS, VELOCITY, ACCELERATION, always)
+    first = parameterize_path(path[:2], JOINTS, LIMITS, always)
     with pytest.raises(ParameterError, match="positions"):
         concatenate_trajectories(first, first)
     other = Trajectory(("b", "a"), np.zeros(1), path[[1]], np.zeros((1, 2)), np.zeros((1, 2)))
@@ -268,9 +269,7 @@ def test_concatenate_refuses_what_does_not_meet():
 
 def test_stop_gives_none():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    stopped = parameterize_path(
-        path, JOINTS, VELOCITY, ACCELERATION, always, should_stop=lambda: True
-    )
+    stopped = parameterize_path(path, JOINTS, LIMITS, always, should_stop=lambda: True)
     assert stopped is None
 
 
@@ -280,17 +279,16 @@ def test_stop_gives_none():
         ({"path": np.zeros((0, 2))}, "path"),
         ({"path": np.array([[0.0, np.nan]])}, "path"),
         ({"joints": ("a",)}, "joints"),
-        ({"velocity": np.array([1.0, np.inf])}, "limits"),
-        ({"acceleration": np.array([0.0, 1.0])}, "limits"),
-        ({"velocity": np.ones(3), "acceleration": np.ones(3)}, "joints"),
+        ({"limits": np.array([[1.0, np.inf], [1.0, 1.0]])}, "limits"),
+        ({"limits": np.array([[1.0, 1.0], [0.0, 1.0]])}, "limits"),
+        ({"limits": np.ones((2, 3))}, "joints"),
     ],
 )
 def test_bad_input_is_named(change, name):
     arguments = {
         "path": np.array([[0.0, 0.0], [1.0, 0.0]]),
         "joints": JOINTS,
-        "velocity": VELOCITY,
-        "acceleration": ACCELERATION,
+        "limits": LIMITS,
         "edge_free": always,
     }
     with pytest.raises(ParameterError, match=name):
