@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.reach import ik_kernels, self_motion
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
@@ -75,11 +74,6 @@ class InverseKinematics:
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
 
-    def random_seeds(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
-        """(*shape, dof) configurations, uniform within the limits."""
-        shape = (shape,) if isinstance(shape, int) else shape
-        return self.chain.random(rng, shape)
-
     def reachable(self, T_world_tip: Array) -> bool:
         """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""
         return bool(self._reach.within(T_world_tip, self._slack))
@@ -90,31 +84,17 @@ class InverseKinematics:
         k <= settings.max_solutions; k = 0 where no seed led to one. Solutions that differ by full
         turns of a joint count as one.
         """
-        solutions, counts = self.solve_batch(T_world_tip[None], seeds[None])
-        return np.asarray(solutions[0, : counts[0]])
-
-    def solve_batch(self, T_world_tip: Array, seeds: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-        """`solve` for (n, 4, 4) poses from (n, s, dof) seeds.
-
-        Returns:
-            solutions (n, max_solutions, dof), of which the first counts[i] (n,) are filled (the
-            rest is NaN).
-        """
-        chain, settings = self.chain, self.settings
-        T = kernel_input(T_world_tip)
-        Q = kernel_input(seeds)
-        solutions = np.full((len(T), settings.max_solutions, chain.dof), np.nan)
-        counts = np.zeros(len(T), dtype=np.int64)
-        ik_kernels.solve_batch(
+        settings = self.settings
+        solutions = np.empty((settings.max_solutions, self.chain.dof))
+        count = ik_kernels.solve_target(
             self._arm,
-            T,
-            Q,
+            kernel_input(T_world_tip),
+            kernel_input(seeds),
             settings.max_iterations,
             settings.min_difference,
             solutions,
-            counts,
         )
-        return solutions, counts
+        return solutions[:count]
 
     def sweep(self, T_world_tip: Array, Q: Array) -> Array:
         """More solutions (k, dof) for a pose (4, 4), on the self-motions of solutions Q (s, dof).
@@ -122,31 +102,10 @@ class InverseKinematics:
         They lie some sweep_step apart, closer only at limits and in tight bends. k = 0 for arms of
         six joints or fewer, whose solutions are isolated.
         """
-        found, counts = self.sweep_batch(T_world_tip[None], Q[None], np.array([len(Q)]))
-        return np.asarray(found[0, : counts[0]])
-
-    def sweep_batch(
-        self, T_world_tip: Array, solutions: Array, counts: npt.NDArray[np.int64]
-    ) -> tuple[Array, npt.NDArray[np.int64]]:
-        """`sweep` for (n, 4, 4) poses from what `solve_batch` returned for them.
-
-        Returns:
-            the same again, but (n, max_sweep, dof), without the solutions given.
-        """
-        chain, settings = self.chain, self.settings
-        T = kernel_input(T_world_tip)
-        found = np.full((len(T), settings.max_sweep, chain.dof), np.nan)
-        numbers = np.zeros(len(T), dtype=np.int64)
-        self_motion.sweep_batch(
-            self._arm,
-            T,
-            kernel_input(solutions),
-            np.require(counts, np.int64, ["C", "W"]),
-            settings.sweep_step,
-            found,
-            numbers,
-        )
-        return found, numbers
+        found = np.empty((self.settings.max_sweep, self.chain.dof))
+        T, step = kernel_input(T_world_tip), self.settings.sweep_step
+        count = self_motion.sweep_target(self._arm, T, kernel_input(Q), step, found)
+        return found[:count]
 
     def track(self, T_world_tip: Sequence[Array] | Array, q0: Array) -> Array | None:
         """Follow poses (n, 4, 4), each close to the one before, from q0 (dof,) near the first.

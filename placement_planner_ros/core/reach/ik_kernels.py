@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames, frames_jacobian
@@ -312,41 +311,39 @@ def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: 
 
 
 @njit(cache=True, nogil=True)
-def solve_batch(
+def solve_target(
     arm: IKArm,
-    targets: Array,
+    target: Array,
     seeds: Array,
     max_iterations: int,
     min_difference: float,
     solutions: Array,
-    counts: npt.NDArray[np.int64],
-) -> None:
-    """Distinct solutions (m, k, n) of targets (m, 4, 4) from seeds (m, s, n), and their counts."""
+) -> int:
+    """Fill solutions (k, n) of a target (4, 4) from seeds (s, n), distinct ones; how many."""
     dof = len(arm.lower)
     scratch = ik_scratch(dof)
     q = np.empty(dof)
-    for t in range(len(targets)):
+    count = 0
+    for s in range(len(seeds)):
         # Every seed, until the solutions are as many as there is room for.
-        count = 0
-        for s in range(seeds.shape[1]):
-            if count == solutions.shape[1]:
+        if count == len(solutions):
+            break
+        # From the seed, brought within limits, to the target.
+        for i in range(dof):
+            q[i] = min(max(seeds[s, i], arm.lower[i]), arm.upper[i])
+        follow_in_place(arm.ties, q)
+        if not descend_to_target(arm, target, q, max_iterations, scratch):
+            continue
+        # Kept unless a solution that is the same but for full turns is there.
+        new = True
+        for k in range(count):
+            if not configurations_differ(solutions[k], q, arm.prismatic, min_difference):
+                new = False
                 break
-            # from the seed, brought within limits, to the target
-            for i in range(dof):
-                q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
-            follow_in_place(arm.ties, q)
-            if not descend_to_target(arm, targets[t], q, max_iterations, scratch):
-                continue
-            # kept unless a solution that is the same but for full turns is there
-            new = True
-            for k in range(count):
-                if not configurations_differ(solutions[t, k], q, arm.prismatic, min_difference):
-                    new = False
-                    break
-            if new:
-                solutions[t, count] = q
-                count += 1
-        counts[t] = count
+        if new:
+            solutions[count] = q
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)

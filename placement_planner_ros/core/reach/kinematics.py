@@ -150,39 +150,17 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
 
 
 @njit(cache=True, nogil=True)
-def _joint_frames_batch(
-    fixed: Array, prismatic: Flags, aligned: Array, Q: Array, out: Array
+def _object_jacobian(
+    fixed: Array, prismatic: Flags, T_tip_object: Array, q: Array, jacobian: Array
 ) -> None:
-    """Joint frames (n, dof, 4, 4), zero before, turned from their axes back to the URDF's."""
-    dof = len(prismatic)
-    frames = np.zeros((dof + 1, 4, 4))
-    for k in range(len(Q)):
-        # The frames of each configuration, each turned back.
-        chain_frames(fixed, prismatic, Q[k], frames)
-        for i in range(dof):
-            for a in range(3):
-                for b in range(3):
-                    value = 0.0
-                    for c in range(3):
-                        value += frames[i, a, c] * aligned[i, c, b]
-                    out[k, i, a, b] = value
-                out[k, i, a, 3] = frames[i, a, 3]
-            out[k, i, 3, 3] = 1.0
-
-
-@njit(cache=True, nogil=True)
-def _jacobian_batch(
-    fixed: Array, prismatic: Flags, T_tip_object: Array, Q: Array, out: Array
-) -> None:
-    """Jacobians (n, 6, dof) of the object's origin."""
+    """Jacobian (6, dof) of the object's origin at q (dof,)."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
-    for k in range(len(Q)):
-        chain_frames(fixed, prismatic, Q[k], frames)
-        # Where the object's origin is.
-        x, y, z = to_world(
-            frames, len(prismatic), T_tip_object[0, 3], T_tip_object[1, 3], T_tip_object[2, 3]
-        )
-        frames_jacobian(frames, prismatic, x, y, z, out[k])
+    chain_frames(fixed, prismatic, q, frames)
+    # Where the object's origin is.
+    x, y, z = to_world(
+        frames, len(prismatic), T_tip_object[0, 3], T_tip_object[1, 3], T_tip_object[2, 3]
+    )
+    frames_jacobian(frames, prismatic, x, y, z, jacobian)
 
 
 def kernel_input(values: npt.ArrayLike) -> Array:
@@ -204,8 +182,6 @@ class Chain:
         joints: (dof) names, root to tip.
         fixed: (dof + 1, 4, 4) A_0 … A_tip of the module's formula.
         prismatic: (dof,) bool; the others are revolute.
-        aligned: (dof, 3, 3) rotation from the URDF's (pinocchio's) joint frame to the one with
-            its axis along z, R_aligned_joint.
         lower, upper: (dof,) joint limits, rad or m.
         ties: (k, 4) of `Arm`.
     """
@@ -213,7 +189,6 @@ class Chain:
     joints: tuple[str, ...]
     fixed: Array
     prismatic: Flags
-    aligned: Array
     lower: Array
     upper: Array
     ties: Array
@@ -222,7 +197,6 @@ class Chain:
         dof = len(self.joints)
         object.__setattr__(self, "ties", frozen_array(self.ties, (len(self.ties), 4)))
         object.__setattr__(self, "fixed", frozen_array(self.fixed, (dof + 1, 4, 4)))
-        object.__setattr__(self, "aligned", frozen_array(self.aligned, (dof, 3, 3)))
         prismatic = np.array(self.prismatic, dtype=np.bool_)
         prismatic.setflags(write=False)
         object.__setattr__(self, "prismatic", prismatic)
@@ -250,13 +224,12 @@ class Chain:
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
         # Frame of each joint with its axis along z.
-        aligned, prismatic, T_world_aligned = [], [], []
+        prismatic, T_world_aligned = [], []
         for index in arm.q_index:
             joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
             axis, slides = _joint_axis(model.joints[joint])
             R_joint_aligned = _rotation_from_z(axis)
             T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
-            aligned.append(R_joint_aligned.T)
             prismatic.append(slides)
         # Transforms from each to the next, the tip last.
         T_world_tip = data.oMf[robot.frame_id(arm.tip_frame)]
@@ -266,7 +239,6 @@ class Chain:
             joints=arm.joints,
             fixed=np.array(fixed),
             prismatic=np.array(prismatic),
-            aligned=np.array(aligned),
             lower=arm.lower,
             upper=arm.upper,
             ties=arm.ties,
@@ -280,7 +252,7 @@ class Chain:
 
     @property
     def _content(self) -> tuple[Hashable, ...]:
-        arrays = (self.fixed, self.prismatic, self.aligned, self.lower, self.upper, self.ties)
+        arrays = (self.fixed, self.prismatic, self.lower, self.upper, self.ties)
         return (self.joints, *(array.tobytes() for array in arrays))
 
     @property
@@ -306,7 +278,7 @@ class Chain:
             np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi), (16, self.dof)
         )
         # What followers move counts for the joint that they follow.
-        J = self.jacobian_batch(follow_masters(self.ties, Q), np.eye(4))
+        J = np.array([self.jacobian(q, np.eye(4)) for q in follow_masters(self.ties, Q)])
         for joint, other, factor, _ in self.ties.tolist():
             J[..., int(other)] += factor * J[..., int(joint)]
             J[..., int(joint)] = 0.0
@@ -323,30 +295,14 @@ class Chain:
         _forward_batch(self.fixed, self.prismatic, Q, tips)
         return tips
 
-    def joint_frames(self, q: Array) -> Array:
-        """T_world_joint (dof, 4, 4) at q (dof,): pinocchio's data.oMi of the arm's joints."""
-        return self.joint_frames_batch(q[None])[0]
-
-    def joint_frames_batch(self, Q: Array) -> Array:
-        """T_world_joint (n, dof, 4, 4) at Q (n, dof)."""
-        Q = kernel_input(Q)
-        out = np.zeros((len(Q), self.dof, 4, 4))
-        _joint_frames_batch(self.fixed, self.prismatic, self.aligned, Q, out)
-        return out
-
     def jacobian(self, q: Array, T_tip_object: Array) -> Array:
         """J (6, dof) at q (dof,): velocity of the object's origin, then angular velocity.
 
         Both in world axes; T_tip_object is (4, 4).
         """
-        return self.jacobian_batch(q[None], T_tip_object)[0]
-
-    def jacobian_batch(self, Q: Array, T_tip_object: Array) -> Array:
-        """J (n, 6, dof) at Q (n, dof), as `jacobian`."""
-        Q = kernel_input(Q)
+        out = np.empty((6, self.dof))
         T = kernel_input(T_tip_object)
-        out = np.empty((len(Q), 6, self.dof))
-        _jacobian_batch(self.fixed, self.prismatic, T, Q, out)
+        _object_jacobian(self.fixed, self.prismatic, T, kernel_input(q), out)
         return out
 
 

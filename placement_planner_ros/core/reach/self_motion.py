@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.reach.ik_kernels import (
@@ -164,47 +163,36 @@ def _walk_self_motion(
 
 
 @njit(cache=True, nogil=True)
-def sweep_batch(
-    arm: IKArm,
-    targets: Array,
-    starts: Array,
-    start_counts: npt.NDArray[np.int64],
-    step: float,
-    found: Array,
-    counts: npt.NDArray[np.int64],
-) -> None:
-    """Fill found (k, m, n), counts (k,) with what lies on the self-motions of the starts.
+def sweep_target(arm: IKArm, target: Array, starts: Array, step: float, found: Array) -> int:
+    """Fill found (m, n) with what lies on the self-motions of the starts; how many.
 
     Args:
-        starts: (k, s, n), of which the first start_counts[i] (k,) solve targets[i] (4, 4).
+        starts: (s, n) solutions of the target (4, 4).
         step: rad or m, the largest change of a joint from one configuration to the next.
     """
     # Joints beyond the six that a pose needs: without them there is no self-motion.
     dof = len(arm.lower)
     spare = dof - len(arm.ties) - 6
-    counts[:] = 0
     if spare < 1:
-        return
+        return 0
     scratch = ik_scratch(dof)
     tangent = np.empty(dof)
-    # Each target with its starts, but for those that a walk has passed already.
-    for n in range(len(targets)):
-        count = 0
-        own = starts[n, : start_counts[n]]
-        for s in range(len(own)):
-            if _near_visited(own[s], own[:0], found[n, :count], arm.prismatic, 0.5 * step):
-                continue
-            # one direction spans a curve; a surface is cut along one direction for each joint
-            for axis in range(1 if spare == 1 else dof):
-                for side in (1.0, -1.0):
-                    # The direction in which the joint moves without the tip, then its opposite.
-                    chain_frames(arm.fixed, arm.prismatic, own[s], scratch.frames)
-                    if not _null_direction(arm, axis, spare == 1, tangent, scratch):
-                        break
-                    for i in range(dof):
-                        tangent[i] *= side
-                    # The walk along it.
-                    count = _walk_self_motion(
-                        arm, targets[n], step, own[: s + 1], tangent, found[n], count, scratch
-                    )
-        counts[n] = count
+    count = 0
+    for s in range(len(starts)):
+        # Each start, but for those that a walk has passed already.
+        if _near_visited(starts[s], starts[:0], found[:count], arm.prismatic, 0.5 * step):
+            continue
+        # One direction spans a curve; a surface is cut along one direction for each joint.
+        for axis in range(1 if spare == 1 else dof):
+            for side in (1.0, -1.0):
+                # The direction in which the joint moves without the tip, then its opposite.
+                chain_frames(arm.fixed, arm.prismatic, starts[s], scratch.frames)
+                if not _null_direction(arm, axis, spare == 1, tangent, scratch):
+                    break
+                for i in range(dof):
+                    tangent[i] *= side
+                # The walk along it.
+                count = _walk_self_motion(
+                    arm, target, step, starts[: s + 1], tangent, found, count, scratch
+                )
+    return count

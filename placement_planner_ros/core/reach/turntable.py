@@ -95,7 +95,6 @@ def _prolonged_chain(chain: Chain, T_tip_face: Array) -> Chain:
         joints=(*chain.joints, _JOINT),
         fixed=fixed,
         prismatic=np.append(chain.prismatic, False),
-        aligned=np.concatenate([chain.aligned, np.eye(3)[None]]),
         lower=np.append(chain.lower, -_ENDLESS),
         upper=np.append(chain.upper, _ENDLESS),
     )

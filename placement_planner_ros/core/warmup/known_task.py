@@ -83,7 +83,6 @@ class KnownTask:
         inverse.sweep(tip, q[None])
         inverse.track([tip, tip], q)
         chain.jacobian(q, np.eye(4))
-        chain.joint_frames(q)
 
     def configurations(self) -> None:
         """Configurations that are free or not, and why not."""

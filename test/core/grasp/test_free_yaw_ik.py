@@ -85,7 +85,7 @@ def test_places_are_reached_upright_and_turned_as_the_arm_can(hand):
             turn_between(hand, x, other)
             for q in Q:
                 assert_reached(hand, other, q)
-        seeds = hand.ik.random_seeds(rng, 64)
+        seeds = hand.ik.chain.random(rng, (64,))
         tip = (x * hand.grasp.inverse()).homogeneous
         as_asked += len(placed) == 1 and placed[0][0] is x
         possible += len(hand.ik.solve(tip, seeds)) > 0

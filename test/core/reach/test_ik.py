@@ -93,12 +93,11 @@ def test_poses_of_random_configurations_are_solved(yumi_chain):
     settings = IKSettings(max_solutions=4)
     ik = InverseKinematics(yumi_chain, settings)
     table = SeedTable(yumi_chain, rng)
-    T = yumi_chain.forward_batch(ik.random_seeds(rng, 1000))
-    solutions, counts = ik.solve_batch(T, table.near(T, 16, rng))
-    assert (counts > 0).mean() >= 0.99
-    for i in range(len(T)):
-        assert_solutions(yumi_chain, settings, T[i], solutions[i, : counts[i]])
-        assert np.isnan(solutions[i, counts[i] :]).all()
+    T = yumi_chain.forward_batch(yumi_chain.random(rng, (1000,)))
+    found = [ik.solve(*each) for each in zip(T, table.near(T, 16, rng), strict=True)]
+    assert np.mean([len(Q) > 0 for Q in found]) >= 0.99
+    for pose, Q in zip(T, found, strict=True):
+        assert_solutions(yumi_chain, settings, pose, Q)
 
 
 def test_solutions_are_distinct_and_spread(yumi_chain):
@@ -106,7 +105,7 @@ def test_solutions_are_distinct_and_spread(yumi_chain):
     settings = IKSettings(max_solutions=16)
     ik = InverseKinematics(yumi_chain, settings)
     T = yumi_chain.forward(0.5 * (yumi_chain.lower + yumi_chain.upper) + 0.3)
-    Q = ik.solve(T, ik.random_seeds(rng, 64))
+    Q = ik.solve(T, ik.chain.random(rng, (64,)))
     assert len(Q) >= 8
     assert_solutions(yumi_chain, settings, T, Q)
     for i in range(len(Q)):
@@ -125,19 +124,16 @@ def test_sweep_is_sound_distinct_and_repeatable(name):
     chain = chain_of(name)
     rng = np.random.default_rng(11)
     ik = InverseKinematics(chain)
-    T = chain.forward_batch(ik.random_seeds(rng, 40))
-    solutions, counts = ik.solve_batch(T, ik.random_seeds(rng, (40, 8)))
-    swept, numbers = ik.sweep_batch(T, solutions, counts)
-    again, _ = ik.sweep_batch(T, solutions, counts)
-    assert np.array_equal(swept, again, equal_nan=True)
-    assert numbers.sum() > 4 * counts.sum()
-    for i in range(len(T)):
-        Q = swept[i, : numbers[i]]
-        assert_solutions(chain, ik.settings, T[i], Q)
-        assert np.isnan(swept[i, numbers[i] :]).all()
+    given = swept = 0
+    for pose in chain.forward_batch(chain.random(rng, (40,))):
+        solutions = ik.solve(pose, chain.random(rng, (8,)))
+        Q = ik.sweep(pose, solutions)
+        assert np.array_equal(Q, ik.sweep(pose, solutions))
+        assert_solutions(chain, ik.settings, pose, Q)
         for k in range(len(Q)):
             assert all(apart(Q[k], other) > 0.1 * ik.settings.sweep_step for other in Q[:k])
-        assert np.array_equal(Q, ik.sweep(T[i], solutions[i, : counts[i]]))
+        given, swept = given + len(solutions), swept + len(Q)
+    assert swept > 4 * given
 
 
 def test_nothing_to_sweep_without_joints_to_spare(scara_chain):
@@ -145,7 +141,7 @@ def test_nothing_to_sweep_without_joints_to_spare(scara_chain):
         rng = np.random.default_rng(13)
         ik = InverseKinematics(chain)
         T = chain.forward(0.5 * (chain.lower + chain.upper) + 0.1)
-        Q = ik.solve(T, ik.random_seeds(rng, 16))
+        Q = ik.solve(T, ik.chain.random(rng, (16,)))
         assert len(Q) > 0
         assert ik.sweep(T, Q).shape == (0, chain.dof)
 
@@ -163,14 +159,14 @@ def test_half_turn_error_is_left(scara_chain):
 def test_sliding_joint_and_fewer_than_six_joints(scara_chain):
     rng = np.random.default_rng(6)
     ik = InverseKinematics(scara_chain)
-    T = scara_chain.forward_batch(ik.random_seeds(rng, 200))
-    solutions, counts = ik.solve_batch(T, ik.random_seeds(rng, (200, 16)))
-    assert (counts > 0).mean() >= 0.99
-    for i in range(len(T)):
-        assert_solutions(scara_chain, ik.settings, T[i], solutions[i, : counts[i]])
+    T = scara_chain.forward_batch(scara_chain.random(rng, (200,)))
+    found = [ik.solve(pose, scara_chain.random(rng, (16,))) for pose in T]
+    assert np.mean([len(Q) > 0 for Q in found]) >= 0.99
+    for pose, Q in zip(T, found, strict=True):
+        assert_solutions(scara_chain, ik.settings, pose, Q)
     tilted = T[0].copy()
     tilted[:3, :3] = tilted[:3, :3] @ pin.rpy.rpyToMatrix(0.1, 0.0, 0.0)
-    assert len(ik.solve(tilted, ik.random_seeds(rng, 32))) == 0
+    assert len(ik.solve(tilted, ik.chain.random(rng, (32,)))) == 0
 
 
 def test_limits_keep_a_pose_from_being_solved(scara_chain):
@@ -178,7 +174,7 @@ def test_limits_keep_a_pose_from_being_solved(scara_chain):
     ik = InverseKinematics(scara_chain)
     T = scara_chain.forward(np.array([0.3, 0.8, 0.3, 0.2]))
     T[2, 3] -= 0.01
-    assert len(ik.solve(T, ik.random_seeds(np.random.default_rng(7), 16))) == 0
+    assert len(ik.solve(T, ik.chain.random(np.random.default_rng(7), (16,)))) == 0
 
 
 @pytest.mark.parametrize("name", ["left", "right", "scara"])
@@ -186,7 +182,7 @@ def test_reach_never_rejects_what_is_reached(name):
     chain = chain_of(name)
     ik = InverseKinematics(chain)
     rng = np.random.default_rng(8)
-    Q = ik.random_seeds(rng, 20_000)
+    Q = ik.chain.random(rng, (20_000,))
     corners = rng.random(Q.shape) < 0.3
     Q = np.where(corners, np.where(rng.random(Q.shape) < 0.5, chain.lower, chain.upper), Q)
     straight = np.where(rng.random(Q.shape) < 0.5, 0.0, Q).clip(chain.lower, chain.upper)
@@ -212,7 +208,7 @@ def test_track_follows_straight_lines(yumi_chain):
     rng = np.random.default_rng(9)
     ik = InverseKinematics(yumi_chain)
     tracked = 0
-    for q in ik.random_seeds(rng, 60):
+    for q in ik.chain.random(rng, (60,)):
         poses = line(yumi_chain.forward(q), np.array([0.0, 0.0, 0.04]), 9)
         path = ik.track(poses, q)
         if path is None:
@@ -249,4 +245,4 @@ def test_track_refuses_jumps_coarse_lines_and_limits(scara_chain):
 def test_poses_that_are_not_numbers_have_no_solution(yumi_chain):
     ik = InverseKinematics(yumi_chain)
     T = np.full((4, 4), np.nan)
-    assert len(ik.solve(T, ik.random_seeds(np.random.default_rng(0), 4))) == 0
+    assert len(ik.solve(T, ik.chain.random(np.random.default_rng(0), (4,)))) == 0
