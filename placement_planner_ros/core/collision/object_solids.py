@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import coal
-import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
@@ -15,7 +13,7 @@ from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.robot.geometry import triangle_geometry
+from placement_planner_ros.core.robot.geometry import convex_geometry, triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import MeshSurface, Overlaps, link_surfaces
 from placement_planner_ros.core.types import Array
@@ -48,9 +46,7 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     solids = []
     # A solid for each convex piece.
     for part in body.solids:
-        convex = coal_convex(part.vertices, part.triangles)
-        convex.computeLocalAABB()
-        solids.append(ObjectSolid(Shape((part_set(part),)), convex))
+        solids.append(ObjectSolid(Shape((part_set(part),)), convex_geometry(part)))
     # What is a mesh, by its cover.
     if body.mesh is not None:
         shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
@@ -84,13 +80,3 @@ def part_set(part: ConvexPart) -> ConvexSet:
     """A part of the object; planes that stand for several facets are moved out to hold it."""
     offsets = (part.vertices @ part.normals.T).max(axis=0)
     return ConvexSet(part.vertices, part.normals, offsets)
-
-
-def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
-    """A coal polytope from vertices (m, 3) and outward triangles (t, 3)."""
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices:
-        points.append(vertex)
-    for triangle in triangles:
-        faces.append(coal.Triangle(*(int(i) for i in triangle)))
-    return coal.Convex(points, faces)

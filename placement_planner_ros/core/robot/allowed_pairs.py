@@ -13,7 +13,8 @@ import pinocchio as pin
 
 from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.description import Description, read_xml
+from placement_planner_ros.core.robot.arm import follow_masters
+from placement_planner_ros.core.robot.description import read_xml
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
@@ -149,7 +150,7 @@ def _unknown_link(link: str, links: tuple[str, ...]) -> str:
 
 
 def derive_allowed_pairs(
-    description: Description,
+    ties: Array,
     model: pin.Model,
     geometry: pin.GeometryModel,
     geometry_links: tuple[str, ...],
@@ -164,6 +165,9 @@ def derive_allowed_pairs(
     may well be folded into itself. All of it on the triangles of the meshes; the configurations
     are the same at each call, and mimicking joints follow their masters.
 
+    Args:
+        ties: (k, 4) as of an `Arm`, of all joints.
+
     Raises:
         StoppedError: nobody wants the result any more.
     """
@@ -176,12 +180,8 @@ def derive_allowed_pairs(
     pairs = LinkPairs(undecided, model, geometry, geometry_links, covers)
 
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    zero = _with_followers(description, model, np.clip(np.zeros(model.nq), lower, upper))
-    moved = {
-        n
-        for n in range(1, model.njoints)
-        if zero[n - 1] and not _is_follower(description, model, n)
-    }
+    zero = follow_masters(ties, np.clip(np.zeros(model.nq), lower, upper))
+    moved = {n + 1 for n in np.flatnonzero(zero).tolist() if n not in ties[:, 0]}
     needed = np.array([OFTEN if apart[p] <= NEARBY else ALWAYS for p in undecided])
     at_zero = {
         n
@@ -195,7 +195,7 @@ def derive_allowed_pairs(
         if not len(pairs.rows):
             break
         step("finding links that overlap in most configurations")
-        q = _with_followers(description, model, rng.uniform(lower, upper))
+        q = follow_masters(ties, rng.uniform(lower, upper))
         seen[list(pairs.meeting_at(q))] += 1
         # What cannot come to the share that it needs any more is not looked at again.
         pairs.rows = pairs.rows[(seen + left >= needed * SAMPLES)[pairs.rows[:, 2]]]
@@ -226,20 +226,6 @@ def _neighbouring_links(model: pin.Model, links: list[str]) -> set[Pair]:
                 found.add(sorted_pair(link, str(above.name)))
                 break
     return found
-
-
-def _is_follower(description: Description, model: pin.Model, joint: int) -> bool:
-    return description.joints[model.names[joint]].mimic is not None
-
-
-def _with_followers(description: Description, model: pin.Model, q: Array) -> Array:
-    """q (nq,) in which mimicking joints follow their masters."""
-    for joint in range(1, model.njoints):
-        mimic = description.joints[model.names[joint]].mimic
-        if mimic is not None:
-            master = model.getJointId(mimic.master)
-            q[joint - 1] = mimic.multiplier * q[master - 1] + mimic.offset
-    return q
 
 
 class LinkPairs:

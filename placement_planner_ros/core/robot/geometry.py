@@ -22,7 +22,7 @@ from placement_planner_ros.core.body.convex_cover import (
     convex_cover,
     cover_tolerance,
 )
-from placement_planner_ros.core.body.convex_part import hull_if_convex, polytope_of
+from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.errors import RobotError, listed
@@ -369,7 +369,11 @@ def convex_shape(points: Array) -> coal.Convex:
     Raises:
         QhullError: they have no volume.
     """
-    part = polytope_of(points)
+    return convex_geometry(polytope_of(points))
+
+
+def convex_geometry(part: ConvexPart) -> coal.Convex:
+    """A polytope as a coal shape."""
     vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices.extend(list(part.vertices))
     triangles.extend([coal.Triangle(*each) for each in part.triangles.tolist()])

@@ -132,8 +132,14 @@ class Robot:
         left_out: tuple[pairs.LeftOut, ...] | None = None
         passive: frozenset[str] = frozenset()
         if srdf is None:
+            names = [joint.name for joint in joints]
+            ties = [
+                (row, names.index(mimic.master), mimic.multiplier, mimic.offset)
+                for row, mimic in enumerate(joint.mimic for joint in joints)
+                if mimic is not None
+            ]
             left_out = pairs.derive_allowed_pairs(
-                description, model, geometry, geometry_links, covers
+                np.array(ties).reshape(-1, 4), model, geometry, geometry_links, covers
             )
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))

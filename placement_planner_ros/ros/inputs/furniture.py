@@ -15,7 +15,7 @@ from placement_planner_ros.core.body.convex_part import hull_triangles
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh, triangles_of
+from placement_planner_ros.core.robot.overlap import Overlaps, link_surfaces
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
@@ -169,17 +169,21 @@ def _without(robot: Robot, links: Collection[str]) -> Robot:
 def _surface(robot: Robot, link: str) -> Array:
     """(t, 3, 3) triangles of a fixed link, where it is, metres."""
     found = []
-    for shape, of in zip(robot.geometry.geometryObjects, robot.geometry_links, strict=True):
+    for shape, of, mesh in zip(
+        robot.geometry.geometryObjects,
+        robot.geometry_links,
+        link_surfaces(robot.covers),
+        strict=True,
+    ):
         if of == link:
             T = shape.placement
-            found.append(_triangles(shape.geometry, link) @ T.rotation.T + T.translation)
+            corners = _solid_triangles(shape.geometry, link) if mesh is None else mesh.triangles
+            found.append(corners @ T.rotation.T + T.translation)
     return np.vstack(found)
 
 
-def _triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
-    """(t, 3, 3) triangles of a shape, metres."""
-    if is_mesh(geometry):
-        return triangles_of(geometry)
+def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
+    """(t, 3, 3) triangles of a shape that is no mesh, metres."""
     if isinstance(geometry, coal.Sphere):
         ball = trimesh.creation.icosphere(radius=geometry.radius)
         return np.asarray(ball.triangles)
