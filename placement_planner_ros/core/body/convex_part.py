@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.mesh import THINNEST_M, Triangles, read_only, used_rows
+from placement_planner_ros.core.body.mesh import THINNEST_M, Triangles, read_only
 from placement_planner_ros.core.body.mesh_components import equal_rows
 from placement_planner_ros.core.body.polytope import HALF_SHEET_M, hull_around
 from placement_planner_ros.core.errors import ObjectError
@@ -70,8 +70,8 @@ def hull_triangles(points: Array) -> Array:
 
 def _part_of(hull: ConvexHull) -> ConvexPart:
     normals = hull.equations[:, :3]
-    used, triangles = used_rows(hull.simplices.astype(np.int64), len(hull.points))
-    vertices = hull.points[used]
+    used, rows = np.unique(hull.simplices, return_inverse=True)
+    vertices, triangles = hull.points[used], rows.reshape(-1, 3)
     corners = vertices[triangles]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", facing, normals) < 0.0

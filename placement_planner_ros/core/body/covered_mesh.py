@@ -35,31 +35,24 @@ class CoveredMesh:
     Attributes:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
-        pieces: (p + 1,) first vertex of each connected piece, and the number of vertices.
         cover: convex sets that together contain them; they only ever say what is free.
         parts: the same sets with their planes.
     """
 
     vertices: Array
     triangles: Triangles
-    pieces: Triangles
     cover: Cover
     parts: tuple[ConvexPart, ...]
 
     @classmethod
     def of(cls, pieces: Sequence[MeshPiece], make: CoverMaker) -> CoveredMesh:
         """Of one piece or more."""
-        welded = [equal_rows(piece.corners.reshape(-1, 3)) for piece in pieces]
-        vertices = np.vstack(
-            [p.corners.reshape(-1, 3)[one] for p, (one, _) in zip(pieces, welded, strict=True)]
-        )
-        first = np.cumsum([0, *(len(one) for one, _ in welded)])
-        triangles = np.concatenate(
-            [kind + row for (_, kind), row in zip(welded, first, strict=False)]
-        ).reshape(-1, 3)
+        points = np.concatenate([piece.corners for piece in pieces]).reshape(-1, 3)
+        first, kind = equal_rows(points)
+        vertices, triangles = points[first], kind.reshape(-1, 3)
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
-        return cls(frozen_array(vertices), read_only(triangles), read_only(first), cover, parts)
+        return cls(frozen_array(vertices), read_only(triangles), cover, parts)
 
 
 def kept_cover(

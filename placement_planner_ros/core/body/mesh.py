@@ -56,7 +56,7 @@ def checked_mesh(
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
-    kept, made = used_rows(faces.astype(np.int64), len(points))
+    kept, made = np.unique(faces.astype(np.int64), return_inverse=True)
     used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
     if bad:
@@ -81,7 +81,7 @@ def checked_mesh(
             f"{away:.4g} m from the origin",
             f"must lie within {FURTHEST_VERTEX_M:g} m of it",
         )
-    return used * scale, made
+    return used * scale, made.reshape(-1, 3)
 
 
 def require_few(vertices: int, triangles: int) -> None:
@@ -171,17 +171,6 @@ def _pieces_of(components: Components) -> list[MeshPiece]:
         inward = closed and volumes_under(corners - corners.mean(axis=(0, 1))).sum() < 0.0
         pieces.append(MeshPiece(corners[:, ::-1] if inward else corners, bool(closed)))
     return pieces
-
-
-def used_rows(triangles: Triangles, count: int) -> tuple[Triangles, Triangles]:
-    """The vertices of triangles (t, 3), of `count`, in their order, and the triangles as rows of
-    these."""
-    if 3 * len(triangles) < count:  # a small part of many
-        used, rows = np.unique(triangles, return_inverse=True)
-        return used, rows.reshape(-1, 3)
-    wanted = np.zeros(count, np.bool_)
-    wanted[triangles] = True
-    return np.flatnonzero(wanted), (np.cumsum(wanted) - 1)[triangles]
 
 
 def read_only(triangles: npt.ArrayLike) -> Triangles:
