@@ -115,6 +115,7 @@ def code_digest(module: str) -> str:
     Args:
         module: its `__name__`.
     """
+    # The module, and all that it leads to.
     contents: dict[Path, bytes] = {}
     waiting = [_file_of(module)]
     while waiting:
@@ -158,6 +159,7 @@ def recalled_result(kind: str, key: str, make: Callable[[], Result]) -> Result:
     """A `stored_result` that is small and asked for again and again: this process remembers it."""
     if _BYPASSED.get():
         return make()
+    # From memory, else from disk, else made.
     held = _recalled_results(kind, key)
     if not held:
         held.append(stored_result(kind, key, make))
@@ -212,6 +214,7 @@ class _Results:
     """
 
     def __init__(self, kind: str, folder: Path) -> None:
+        # Others could have what they like unpickled.
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if folder.stat().st_uid != os.geteuid():
             raise PermissionError("it belongs to another user")
@@ -219,12 +222,14 @@ class _Results:
         self._folder = folder
         self._memory = joblib.Memory(folder, verbose=0)
         self._kept = self._memory.cache(_content_of_key, ignore=["content"])
+        # So that the first that is kept has the folder looked at.
         self._unlimited = MAX_BYTES
         with contextlib.suppress(LookupError):  # has joblib write down whose results these are
             self._kept("", None)
 
     def find(self, key: str) -> Any:
         try:
+            # As it was sealed, or not at all.
             return pickle.loads(unseal_content(self._kept(key, None), key))
         except OSError as error:
             _note_unwritten(self._kind, self._folder, error)
@@ -236,6 +241,7 @@ class _Results:
 
     def keep(self, key: str, content: bytes) -> None:
         try:
+            # Sealed, then looked at whether it is there: joblib only warns.
             self._kept.call(key, seal_content(content, key))
             self._limit(len(content))
             if not self._kept.check_call_in_cache(key, None):
@@ -245,6 +251,7 @@ class _Results:
 
     def _limit(self, added: int) -> None:
         """Keep to `MAX_BYTES`, looking at all files now and then: others write there, too."""
+        # A tenth of what there may be, then all files are counted.
         self._unlimited += added
         if self._unlimited > 0.1 * MAX_BYTES:
             self._memory.reduce_size(bytes_limit=MAX_BYTES)

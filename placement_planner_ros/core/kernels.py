@@ -31,6 +31,7 @@ SHAPING = re.compile(r"njit\(|NamedTuple\)|DefaultPassBuilder")
 @functools.cache
 def kernel_sources() -> dict[Path, str]:
     """The text of each file with kernels, or with named tuples that kernels take."""
+    # All that shapes how kernels are compiled.
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(CORE.rglob("*.py"))}
     return {path: text for path, text in texts.items() if SHAPING.search(text)}
 
@@ -50,6 +51,7 @@ def kernel_folder() -> Path | None:
     checked = os.environ.get("NUMBA_BOUNDSCHECK", "")
     parts = (files, version("numba"), version("llvmlite"), checked)
     name = f"kernels-{hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
+    # A folder below the given one; the same in processes that this one begins.
     given = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(given) if given else cache_folder()
     return folder / name if folder is not None and folder.name != name else folder
@@ -61,6 +63,7 @@ def use_kernel_folder() -> None:
     For programs, before anything imports numba. Where that folder cannot be written they are kept
     for as long as the program runs, and what is in there is used.
     """
+    # A folder that can be written, or one for as long as this runs.
     folder = kernel_folder()
     try:
         if folder is None:

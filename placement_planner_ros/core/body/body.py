@@ -98,11 +98,13 @@ class Body:
                 can be planned with, or a centre of mass outside the hull.
         """
         settings = settings or BodySettings()
+        # The mesh in metres, its hull and its connected pieces.
         points, faces = checked_mesh(vertices, triangles, scale, settings.max_extent)
         hull = hull_of(points)
         warnings: list[str] = []
         pieces = connected_pieces(points, faces)
         parts = [convex_part(piece.corners, n, warnings) for n, piece in enumerate(pieces)]
+        # Pieces that bound a solid, and sheets, which have no inside.
         solids, sheets, fault = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))], ""
         for piece, part in zip(pieces, parts, strict=True):
             if not piece.closed:
@@ -112,6 +114,7 @@ class Body:
                 sheets.append(piece.corners)
             else:
                 solids.append(piece.corners if part is None or piece.closed else part.corners)
+        # B_o, and where the mass is.
         closed, open_ = np.concatenate(solids), np.concatenate(sheets)
         points_inside = volume_points(closed, open_, hull, settings, warnings)
         if center_of_mass is not None:
@@ -120,6 +123,7 @@ class Body:
             center, whose = _center_of_mass(closed, open_, len(pieces), hull)
         if fault:
             warnings.append(f"{fault}; centre of mass {whose}")
+        # A body of any density has its centre of mass within its hull.
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > 1e-6:
             raise ObjectError(
@@ -127,6 +131,7 @@ class Body:
                 center.tolist(),
                 f"lies {outside:.4g} m outside the object's hull; give it in the object's frame",
             )
+        # F, and a cover of all pieces that are not convex.
         found, rolling = offered_faces(
             placement_faces(points, center, settings), settings, warnings
         )
@@ -166,6 +171,7 @@ def _center_of_mass(
     Args:
         closed, open_: (s, 3, 3), (t, 3, 3) triangles around solids, outward, and of sheets.
     """
+    # The triangles of sheets, patched and wound outward, belong to the rest.
     holes = Holes.of(open_) if len(open_) else None
     patched = np.concatenate([open_, holes.patches]) if holes else open_
     if _volume_in(patched) < 0.0:
@@ -173,12 +179,14 @@ def _center_of_mass(
     whole = np.concatenate([closed, patched])
     # Pieces may overlap, and so may one with itself: what they share counts once.
     center = center_of_union(whole, hull) if pieces > 1 else _center_in(whole)
+    # Also where it is NaN: what crosses itself may enclose nothing.
     if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
         center = center_of_union(whole, hull)
     if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
         return _center_in(hull.corners), "of its hull"  # it crosses itself, and cancels out
     if holes is None:
         return center, "of uniform density"
+    # Where what the holes hide may move it far, the hull is as good a guess.
     off = holes.moves(center, _volume_in(whole))
     if off > CENTER_SHARE * float(np.linalg.norm(np.ptp(hull.vertices, axis=0))):
         return _center_in(hull.corners), "of its hull"
@@ -197,6 +205,7 @@ def _center_in(corners: Array) -> Array:
     """(3,) the centre of what triangles (t, 3, 3) enclose; not finite where that is nothing."""
     middle = corners.mean(axis=(0, 1))
     around = corners - middle
+    # Tetrahedra from the middle to each triangle, by their volumes.
     of_each = volumes_under(around)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(middle + of_each @ around.sum(axis=1) / (4.0 * of_each.sum()))

@@ -48,6 +48,7 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     outermost are among them.
     """
     points = touching_points(body, face)
+    # Triangles that touch with all three corners.
     depths = float(face.vertices[0] @ face.normal) - body.vertices @ face.normal
     flat = body.triangles[(depths[body.triangles] <= body.flatness).all(axis=1)]
     T = face.T_face_object
@@ -61,10 +62,12 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
 
 def touching_points(body: Body, face: PlacementFace) -> Array:
     """(k, 2) `ContactPoints.points` alone."""
+    # Points of all triangles that come near, then those that do themselves.
     plane = float(face.vertices[0] @ face.normal)
     near = (plane - body.vertices @ face.normal)[body.triangles].min(axis=1) <= body.flatness
     found = _on_triangles(body.vertices[body.triangles[near]])
     found = found[plane - found @ face.normal <= body.flatness]
+    # In the plane, each once, and no more than are needed.
     T = face.T_face_object
     points = _distinct_rows((found @ T.rotation.T + T.translation)[:, :2])
     return np.asarray(points[_thinned_rows(points, SPACING_M, MAX_POINTS)])
@@ -86,19 +89,23 @@ def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     """
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
+    # Edges that only one triangle has are the rim.
     _, same = np.unique(np.round(corners / SAME_CORNER_M), axis=0, return_inverse=True)
     edges = np.sort(same.reshape(-1)[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
     first = np.unique(same, return_index=True)[1]
+    # The rim as segments.
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
     along = end - begin
     square = np.maximum((along * along).sum(axis=1), SAME_CORNER_M**2)
     a, b, c = corners[triangles].swapaxes(0, 1)
     room = np.zeros(len(points))
     for n, point in enumerate(points):
+        # Inside where a triangle has it on the same side of all its edges.
         sides = np.stack([_left_of(a, b, point), _left_of(b, c, point), _left_of(c, a, point)])
         if not ((sides >= 0.0).all(axis=0) | (sides <= 0.0).all(axis=0)).any():
             continue
+        # Its distance from the nearest segment.
         share = np.clip(((point - begin) * along).sum(axis=1) / square, 0.0, 1.0)
         room[n] = np.linalg.norm(begin + share[:, None] * along - point, axis=1).min()
     return room
@@ -112,10 +119,12 @@ def _left_of(begin: Array, end: Array, point: Array) -> Array:
 
 def _on_triangles(corners: Array) -> Array:
     """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING_M` along their sides."""
+    # Into how many parts the sides of each are divided.
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     parts = np.clip(np.ceil(sides / SPACING_M), 1, MAX_DIVISIONS).astype(np.int64)
     found = [np.zeros((0, 3))]
     for number in np.unique(parts):
+        # Triangles that are divided alike, at once.
         i, j = np.meshgrid(*[np.arange(number + 1)] * 2, indexing="ij")
         within = i + j <= number
         shares = np.column_stack([i[within], j[within], number - i[within] - j[within]]) / number
@@ -127,9 +136,11 @@ def _thinned_rows(points: Array, side: float, most: int) -> Index:
     """Rows of points (n, 2): the outermost in each of some directions, and one in each square."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
+    # The outermost in each direction.
     angles = 2.0 * np.pi * np.arange(OUTERMOST_DIRECTIONS) / OUTERMOST_DIRECTIONS
     outermost = (points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
     while True:
+        # The first in each square; the squares grow until there are few enough.
         squares = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
         number = squares[:, 0] * (squares[:, 1].max() + 1) + squares[:, 1]
         first = np.unique(number, return_index=True)[1]

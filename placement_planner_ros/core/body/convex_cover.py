@@ -113,12 +113,14 @@ def convex_cover(
     """
     components = Components.of(vertices, triangles)
     step()
+    # Cut until every piece is near the mesh, then join what stays near it.
     cells = MeshCells(components.corners, tolerance)
     try:
         pieces, far = _cut_pieces(CutPiece.of(components.corners), cells, step)
         hulls, far = _joined_hulls([piece.hull for piece in pieces], cells, far, step)
     except QhullError:
         return hull_cover(vertices, triangles)
+    # Simpler hulls are larger: what is far is judged by what came out.
     while any(map(far.is_met_by, hulls)):
         far = cells.far(REACH_GROWTH * far.reach)
     parts = tuple(map(grown_hull, hulls))
@@ -131,11 +133,13 @@ def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
     components = Components.of(vertices, triangles)
     points = components.corners.reshape(-1, 3)
     try:
+        # The hull with fewer vertices.
         hull = hull_around(points)
         part = grown_hull(simpler_hull(hull, 0.0, MAX_VERTICES))
     except QhullError:
         part = np.zeros((0, 3))
     if not 4 <= len(part) <= MAX_VERTICES:
+        # The box, a little larger.
         low, high = points.min(axis=0) - 1e-5, points.max(axis=0) + 1e-5
         part = np.array(list(itertools.product(*np.stack([low, high], axis=1))))
     # No point of a hull is further from its vertices than half the diagonal of their box.
@@ -172,11 +176,13 @@ class CutPiece:
 
     def halves(self, plane: Array, cells: MeshCells) -> tuple[CutPiece, ...]:
         """The piece on both sides of a plane (4,); nothing where all is on one."""
+        # Points of the solid where the new plane meets two others.
         new = _inner_points(self.planes, plane, cells)
         hull = self.hull.planes  # cells are taken to be inside where the surface passes them
         new = new[(new @ hull[:, :3].T + hull[:, 3] <= 1e-9).all(axis=1)]
         halves = []
         for side in (plane, -plane):
+            # What is on this side of the plane, and nothing where that is all.
             corners = clipped_triangles(self.corners, side)
             inner = self.inner[self.inner @ side[:3] + side[3] <= 0.0]
             if not len(corners) and not len(inner):
@@ -188,10 +194,12 @@ class CutPiece:
 
 def _inner_points(planes: Array, plane: Array, cells: MeshCells) -> Array:
     """(i, 3) points inside the solid, within planes (k, 4), where two of these meet another."""
+    # Every two of the planes, with the new one.
     pairs = np.array(list(itertools.combinations(planes, 2))).reshape(-1, 2, 4)
     threes = np.concatenate([pairs, np.broadcast_to(plane, (len(pairs), 1, 4))], axis=1)
     # Of parallel planes, and of three along a line, a point would be far away.
     threes = threes[np.abs(np.linalg.det(threes[..., :3])) > 1e-6]
+    # Where the three meet, within all other planes and the solid.
     points = np.linalg.solve(threes[..., :3], -threes[..., 3:])[..., 0]
     points = points[(points @ planes[:, :3].T + planes[:, 3] <= 1e-9).all(axis=1)]
     points = points[((points > cells.low) & (points < cells.high)).all(axis=1)]
@@ -200,10 +208,12 @@ def _inner_points(planes: Array, plane: Array, cells: MeshCells) -> Array:
 
 def clipped_triangles(corners: Array, plane: Array) -> Array:
     """(k, 3, 3) what of triangles (t, 3, 3) is where n · x + d <= 0."""
+    # Triangles that are under the plane with all corners stay whole.
     heights = corners @ plane[:3] + plane[3]
     under = heights <= 0.0
     count = under.sum(axis=1)
     made = [corners[count == 3]]
+    # Of the others a triangle is left, or two.
     for wanted in (1, 2):
         chosen = np.flatnonzero(count == wanted)
         # The corner that is alone on its side comes first.
@@ -233,10 +243,12 @@ def _cut_pieces(
     done: list[CutPiece] = []
     while open_:
         step()
+        # The piece that meets most far cells.
         _, _, piece, met = heapq.heappop(open_)
         if not len(met):
             done.append(piece)
             continue
+        # Cut it, as long as there may be more pieces.
         halves: tuple[CutPiece, ...] = ()
         if len(done) + len(open_) + 1 < MAX_PIECES:
             plane = _best_plane(piece, met, far.half)
@@ -262,11 +274,13 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
     points, cells = _sample_points(piece), met[:: 1 + 3 * len(met) // SAMPLE_POINTS]
     along, cells_along = points @ _DIRECTIONS.T, cells @ _DIRECTIONS.T
 
+    # Normals along the axes and the principal axes.
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     normals = np.concatenate([np.eye(3), axes])
     longest = float(np.ptp(points @ normals.T, axis=0).max())
     best, found = np.inf, None
     for normal in normals:
+        # Planes across each of them.
         at = points @ normal
         width = float(np.ptp(at))
         for share in np.linspace(0.0, 1.0, CUTS_ALONG_AXIS + 2)[1:-1]:
@@ -274,6 +288,7 @@ def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
             below = at <= offset
             if width < 2.0 * half or below.all():
                 continue
+            # Far cells that both sides would hold, about.
             cost = _held_share(along, cells_along, below) + _held_share(along, cells_along, ~below)
             cost += 0.2 * abs(share - 0.5) + 0.1 * (1.0 - width / longest)
             if cost < best:
@@ -311,6 +326,7 @@ def _held_share(along: Array, cells_along: Array, chosen: Mask) -> float:
 def _sample_points(piece: CutPiece) -> Array:
     """(n, 3) of its hull's vertices and of its triangles, evenly."""
     rng = np.random.default_rng(0)
+    # No more triangles, points and vertices than are compared.
     corners, vertices = piece.corners, piece.hull.vertices
     if len(corners) > SAMPLE_POINTS:
         corners = corners[rng.choice(len(corners), SAMPLE_POINTS, replace=False)]
@@ -330,6 +346,7 @@ def _joined_hulls(
     around it first, and what is far."""
     parts = dict(enumerate(hulls))
     while True:
+        # Join; where too many are left, let them reach further.
         _join_pairs(parts, far, step)
         if len(parts) <= MAX_PARTS:
             return [_simpler_part(part, far) for part in parts.values()], far
@@ -361,12 +378,14 @@ def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], No
                 heapq.heappush(pairs, (float(around), one, other))
 
     for one in parts:
+        # All pairs, then those with each new part.
         consider(one, [other for other in parts if other > one])
     while pairs:
         _, i, j = heapq.heappop(pairs)
         if i not in parts or j not in parts:
             continue
         step()
+        # Join the two with the smallest box unless that holds far points.
         both = _common_hull(parts[i], parts[j], far)
         if both is not None:
             new = max(parts) + 1

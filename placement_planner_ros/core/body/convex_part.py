@@ -70,9 +70,11 @@ def hull_triangles(points: Array) -> Array:
 
 def _part_of(hull: ConvexHull) -> ConvexPart:
     normals = hull.equations[:, :3]
+    # Vertices that the hull has, and its triangles as rows of them.
     used, rows = np.unique(hull.simplices, return_inverse=True)
     vertices, triangles = hull.points[used], rows.reshape(-1, 3)
     corners = vertices[triangles]
+    # Triangles are turned to face outward.
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", facing, normals) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
@@ -93,6 +95,7 @@ def hull_of(vertices: Array) -> ConvexPart:
     """
     flat = ObjectError("object", "flat mesh", f"give it a thickness of more than {THINNEST_M:g} m")
     around = vertices - vertices.mean(axis=0)
+    # Its thickness, along its thinnest axis.
     spread = np.linalg.eigh(around.T @ around)[1].T
     if np.min(np.ptp(around @ spread.T, axis=0)) < THINNEST_M:
         raise flat
@@ -108,9 +111,11 @@ def convex_part(corners: Array, number: int, warnings: list[str]) -> ConvexPart 
     A flat piece that fills its outline is given a thickness, with a warning.
     """
     points = corners.reshape(-1, 3)
+    # A convex piece is its hull.
     hull = hull_if_convex(corners)
     if hull is not None:
         return _part_of(hull)
+    # A flat one that fills its outline is thickened.
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     if np.ptp(points @ axes[2]) > 1e-9:
         return None
@@ -130,6 +135,7 @@ def hull_if_convex(corners: Array) -> ConvexHull | None:
         hull = ConvexHull(corners.reshape(-1, 3))
     except QhullError:  # flat
         return None
+    # Its triangles have the area of the hull, which has no more facets than can be used.
     facets = len(hull.simplices)
     if abs(_area_of(corners) - hull.area) > 1e-3 * hull.area or facets > MAX_FACETS:
         return None
@@ -139,6 +145,7 @@ def hull_if_convex(corners: Array) -> ConvexHull | None:
     planes = equations[equal_rows(equations)[0]]
     if len(planes) * len(corners) > MAX_COMPARED:
         return None
+    # Each triangle lies along one of the planes.
     tolerance = min(CONVEX_TOLERANCE_M, 0.01 * float(np.ptp(hull.points, axis=0).max()))
     for few in np.array_split(corners, 1 + len(corners) * len(planes) // 700_000):
         depth = -(few @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)

@@ -47,9 +47,11 @@ class CoveredMesh:
     @classmethod
     def of(cls, pieces: Sequence[MeshPiece], make: CoverMaker) -> CoveredMesh:
         """Of one piece or more."""
+        # Equal vertices of all pieces are one.
         points = np.concatenate([piece.corners for piece in pieces]).reshape(-1, 3)
         first, kind = equal_rows(points)
         vertices, triangles = points[first], kind.reshape(-1, 3)
+        # The cover, and its parts with their planes.
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
         return cls(frozen_array(vertices), read_only(triangles), cover, parts)
@@ -73,6 +75,7 @@ def kept_cover(
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
     """A cover made on the spot, unless it is on disk, and kept; the hull where that takes more than
     `MOST_SECONDS`; `stoppable`."""
+    # From now on, in processor time.
     end = time.thread_time() + MOST_SECONDS
 
     def doing() -> None:

@@ -32,9 +32,11 @@ class Holes:
     @classmethod
     def of(cls, corners: Array) -> Holes:
         """Of triangles (t, 3, 3), one or more."""
+        # Vertices that are equal are one; sides by their ends.
         first, kind = equal_rows(corners.reshape(-1, 3))
         points, sides = corners.reshape(-1, 3)[first], kind.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]]
         sides = sides.reshape(-1, 2)
+        # Each edge, and how many more triangles run along it one way.
         keys = sides.min(axis=1) * len(points) + sides.max(axis=1)
         _, one, edge = np.unique(keys, return_index=True, return_inverse=True)
         excess = np.bincount(edge.reshape(-1), np.sign(sides[:, 1] - sides[:, 0])).astype(np.int64)
@@ -45,8 +47,10 @@ class Holes:
         rim, (start, end) = np.unique(
             np.repeat(ends, np.abs(excess[rows]), axis=1), return_inverse=True
         )
+        # Rims that are connected are one hole.
         graph = coo_array((np.ones(len(start), np.int8), (start, end)), (len(rim), len(rim)))
         count, label = connected_components(graph, directed=False)
+        # Its middle, and a fan of triangles from there to the rim.
         around = np.bincount(label, minlength=count)
         middles = np.stack([np.bincount(label, x, count) / around for x in points[rim].T], axis=1)
         radii = np.zeros(count)

@@ -44,6 +44,7 @@ def checked_mesh(
         faces = np.array(triangles)
     except (TypeError, ValueError) as error:
         raise ObjectError("object", "mesh", "give numbers of shape (m, 3) and (t, 3)") from error
+    # Shapes and indices.
     if points.size == 0 or faces.size == 0:
         raise ObjectError("object", f"{points.size // 3} vertices", "the mesh is empty")
     if points.ndim != 2 or points.shape[1] != 3:
@@ -56,6 +57,7 @@ def checked_mesh(
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
+    # Of vertices that triangles have: finite numbers, and a size that objects have.
     kept, made = np.unique(faces.astype(np.int64), return_inverse=True)
     used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
@@ -138,9 +140,11 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[MeshPiece]:
     Raises:
         ObjectError: there are more than `MAX_PIECES`.
     """
+    # Fronts and backs of the same triangles count once.
     first, kind = equal_rows(np.sort(triangles, axis=1))
     twice = np.bincount(kind).min() > 1
     apart = Components.of(points, triangles[np.sort(first)] if twice else triangles, weld=False)
+    # What is not closed as it is may be so with equal vertices merged.
     left = apart.corners[~apart.closed[apart.label]]
     pieces = [piece for piece in _pieces_of(apart) if piece.closed]
     if len(left):
@@ -162,6 +166,7 @@ def volumes_under(corners: Array) -> Array:
 
 
 def _pieces_of(components: Components) -> list[MeshPiece]:
+    # Triangles of one component after the other, closed ones outward.
     order = np.argsort(components.label, kind="stable")
     first = np.flatnonzero(np.diff(components.label[order]) != 0) + 1
     pieces = []

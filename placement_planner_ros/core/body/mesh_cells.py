@@ -69,6 +69,7 @@ class FarCells:
         return bool(beyond) or len(self._rows_met(hull, self.middles, 1)) > 0
 
     def _rows_met(self, hull: Polytope, middles: Array, most: int) -> npt.NDArray[np.int64]:
+        # Only cells that the hull reaches along x.
         ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
         first, last = np.searchsorted(middles[:, 0], ends)
         return np.asarray(first + _cells_met(middles[first:last], hull.planes, self.half, most))
@@ -112,6 +113,7 @@ class MeshCells:
     """
 
     def __init__(self, corners: Array, tolerance: float) -> None:
+        # Cells as fine as the tolerance asks, or as there may be.
         points = corners.reshape(-1, 3)
         low, size = points.min(axis=0), np.ptp(points, axis=0)
         cell = tolerance / CELLS_IN_TOLERANCE
@@ -119,6 +121,7 @@ class MeshCells:
             cell *= 1.05
             tolerance = max(tolerance, CELLS_IN_TOLERANCE * cell / 1.5)
         self.tolerance, self._cell = tolerance, cell
+        # A rim of cells around the mesh.
         beyond = 1.5 * CELLS_IN_TOLERANCE * cell  # the outermost cells are far
         self.low = low - beyond
         shape = np.ceil((size + 2.0 * beyond) / cell).astype(int)
@@ -127,6 +130,7 @@ class MeshCells:
         sample = np.full((*shape, 3), np.nan, np.float32)
         for each in surface_points(corners, 0.5 * self._cell):
             sample[self._cells_of(each)] = each - self.low
+        # How far cells are from it, and which of them the outside leads to.
         on_surface = ~np.isnan(sample[..., 0])
         self._distance = _distances_from(sample, on_surface, self._cell)
         self._outside = _led_to(~on_surface, None)
@@ -141,6 +145,7 @@ class MeshCells:
 
     def far(self, reach: float) -> FarCells:
         """What is further from the mesh than the reach, in metres."""
+        # Far cells beside others, by their middles.
         far = _led_to(self._distance > reach, np.ones((3, 3, 3), np.bool_))
         border = far & ndimage.binary_dilation(~far)
         middles = self.low + (np.argwhere(border) + 0.5) * self._cell
@@ -153,6 +158,7 @@ def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:
     Args:
         neighbours: (3, 3, 3) which cells around one it leads to; None: those that share a side.
     """
+    # Connected sets that have a cell at the rim.
     label, count = ndimage.label(cells, neighbours)
     led = np.zeros(count + 1, np.bool_)
     for axis in range(3):
@@ -164,6 +170,7 @@ def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:
 
 def _distances_from(sample: npt.NDArray[np.float32], known: Mask, cell: float) -> Array:
     """Metres that no point of a cell is further than from the nearest cell's sample."""
+    # The sample in the nearest cell that has one, plane by plane.
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     made = np.empty(known.shape, np.float32)
     y, z = ((np.arange(count) + 0.5) * cell for count in known.shape[1:])
@@ -178,9 +185,11 @@ def _distances_from(sample: npt.NDArray[np.float32], known: Mask, cell: float) -
 
 def surface_points(corners: Array, spacing: float) -> Iterator[Array]:
     """(n, 3) points of the triangles (t, 3, 3), so many metres apart, or nearer."""
+    # Into how many parts the sides of each triangle are divided.
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     counts = np.maximum(np.ceil(sides / spacing), 1).astype(int)
     for count in np.unique(counts):
+        # Weights of the corners, for all that are divided alike.
         i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1))
         kept = i + j <= count
         weights = np.stack([i[kept], j[kept], count - i[kept] - j[kept]], axis=1) / count

@@ -46,6 +46,7 @@ class Components:
         Args:
             weld: whether equal vertices are one.
         """
+        # Vertices welded, repetitions left out, components told apart.
         faces, points = triangles, vertices
         if weld:
             first, welded = equal_rows((vertices / WELD_M).round())
@@ -54,6 +55,7 @@ class Components:
         faces = faces[rows]
         label = _component_labels(faces, len(points))
         count = int(label.max()) + 1 if len(label) else 0
+        # Where edges do not agree, some triangles may be wound the other way.
         sides = _Sides.of(faces)
         closed = sides.balanced(label, count)
         if not closed.all():
@@ -80,12 +82,14 @@ def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
 
     numpy's unique says the same, but compares rows as bytes, which takes five times as long.
     """
+    # By the first column; only rows that are equal there by the others.
     order = np.argsort(rows[:, 0], kind="stable")
     same = rows[order[1:], 0] == rows[order[:-1], 0]
     tied = np.append(same, False) | np.append(False, same)
     if tied.any():
         some = order[tied]
         order[tied] = some[np.lexsort(rows[some].T[::-1])]
+    # Where a row differs from the one before a kind begins.
     new = np.ones(len(rows), np.bool_)
     new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     kind = np.empty(len(rows), np.int64)
@@ -94,6 +98,7 @@ def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
 
 
 def _component_labels(faces: Triangles, count: int) -> Labels:
+    # A graph of vertices, with two sides of each triangle.
     ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (count, count))
     _, of_vertex = connected_components(graph, directed=False)
@@ -130,6 +135,7 @@ class _Sides:
     def balanced(self, label: Labels, count: int) -> Mask:
         """(k,) components whose edges have as many triangles one way as the other."""
         closed = np.ones(count, np.bool_)
+        # How many more triangles run along each edge one way.
         surplus = np.bincount(self.edge.ravel(), self.way.ravel())
         closed[label[(surplus[self.edge] != 0).any(axis=1)]] = False
         return closed

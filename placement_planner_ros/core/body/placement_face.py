@@ -92,11 +92,13 @@ def _face_of(
     v(f) is what lies within the flatness of the plane. Where so little touches that the body may
     come to rock on what is around, that belongs to v(f), too.
     """
+    # The plane, and how far vertices are above it.
     normal = tipping.normals[rest.facet]
     offset = float((tipping.vertices @ normal).max())  # no vertex is cut off by rounding
     height = float(offset - normal @ center)
     depths = offset - tipping.vertices @ normal
     axes = _plane_axes(normal)
+    # What touches, and what is within the flatness, or as far as it rocks.
     touching = min(CONTACT_SHARE * settings.flatness, CONTACT_HEIGHT_SHARE * height)
     touches = depths <= max(touching, ROUNDING_M)
     touches[tipping.facets[rest.facet]] = True
@@ -104,6 +106,7 @@ def _face_of(
     bears = touches | (depths <= settings.flatness)
     if not rest.rolls and not _holds_firmly(contact, height):
         bears |= _rocks_on(tipping, rest)
+    # v(f): the corners of that, in the plane, and the frame along its longest edge.
     near = tipping.vertices[bears]
     near = near + (offset - near @ normal)[:, None] * normal  # onto the plane
     order, outline = _convex_polygon(near @ axes.T)
@@ -131,6 +134,7 @@ def _thinned_corners(order: Index, outline: Array, most: int) -> Index:
 
 def _axes_along(vertices: Array, normal: Array) -> Array:
     """(3, 3) rows: x along the longest edge of the polygon, z against the normal."""
+    # The longest edge, without what leaves the plane.
     edges = np.roll(vertices, -1, axis=0) - vertices
     along = edges[np.argmax(np.linalg.norm(edges, axis=1))]
     along = along - (along @ normal) * normal
@@ -155,6 +159,7 @@ def _rocks_on(tipping: Tipping, rest: StablePose) -> Mask:
 
 def _plane_axes(normal: Array) -> Array:
     """(2, 3) orthonormal axes of the plane."""
+    # Across the axis that the normal is least along.
     helper = np.eye(3)[np.argmin(np.abs(normal))]
     first = np.cross(normal, helper)
     first /= np.linalg.norm(first)

@@ -41,6 +41,7 @@ def hull_around(points: Array) -> Polytope:
     Raises:
         QhullError: rounding leaves none.
     """
+    # Along axes that it is thin in, copies to both sides.
     middle = points.mean(axis=0)
     axes = np.linalg.eigh((points - middle).T @ (points - middle))[1].T
     along = points @ axes.T
@@ -69,6 +70,7 @@ def simpler_hull(polytope: Polytope, slack: float, most: int) -> Polytope:
             would be too many.
         most: vertices that it may have.
     """
+    # Directions of planes that may be added, and where these touch.
     middle = polytope.vertices.mean(axis=0)
     vertices = polytope.vertices - middle
     between = even_directions(PLANES_BETWEEN // 2)
@@ -76,6 +78,7 @@ def simpler_hull(polytope: Polytope, slack: float, most: int) -> Polytope:
     offsets = (candidates @ vertices.T).max(axis=1)
     normals, best = np.concatenate([np.eye(3), -np.eye(3)]), None
     while True:
+        # The corners that the planes so far leave.
         reach = (normals @ vertices.T).max(axis=1)
         # Planes of the dual's hull are corners of what all planes leave.
         dual = ConvexHull(normals / reach[:, None]).equations
@@ -84,6 +87,7 @@ def simpler_hull(polytope: Polytope, slack: float, most: int) -> Polytope:
         if len(made) > (most if len(vertices) > most else len(vertices)):
             break
         best = made
+        # The planes that most of them are beyond, where too far.
         beyond = made @ candidates.T - offsets
         worst = beyond.max(axis=1)
         if worst.max() <= max(slack, HULL_SLACK_M):

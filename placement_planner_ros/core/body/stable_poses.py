@@ -56,11 +56,13 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
             keep a body from rolling.
         merge_angle: radians within which the lowest rest stands for all.
     """
+    # Valleys deep enough to hold the body, firmly or not.
     bottoms = tipping.valleys(ROUNDING_M)
     found = [
         _rest_on(tipping, int(facet), bottoms, flatness)
         for facet in tipping.valleys(TIPPING_ENERGY / GRAVITY)
     ]
+    # Firm rests first; of round sides only what is far from these.
     firm = _spread_rests(tipping, [rest for rest in found if not rest.rolls], merge_angle)
     round_ = {
         each.facet: each
@@ -79,6 +81,7 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
 
 def _rest_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
     height, rise = float(tipping.heights[facet]), TIPPING_ENERGY / GRAVITY
+    # A push may turn it off the rest, or set it rocking.
     rolls = tipping.turns(facet, height + rise, LEFT_REST_RAD)
     rolls = rolls or tipping.turns(facet, height + 0.5 * rise, ROCKING_RAD)
     return StablePose(facet, rolls or _rolls_on(tipping, facet, bottoms, flatness))
@@ -92,6 +95,7 @@ def _rolls_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> 
     Args:
         bottoms: facets on which it could stay if nothing moved it.
     """
+    # Facets on the way at about that height, and how far it turned there.
     level = tipping.around(facet, *_height_band(float(tipping.heights[facet]), flatness))
     turned = tipping.normals[bottoms[level[bottoms]]] @ tipping.normals[facet]
     return bool(turned.min(initial=1.0) < np.cos(ROLLING_RAD))

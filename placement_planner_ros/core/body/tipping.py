@@ -52,6 +52,7 @@ class Tipping:
         Raises:
             scipy.spatial.QhullError: they have no volume.
         """
+        # Facets of the hull, and the height over each.
         hull = ConvexHull(points)
         used, facets = np.unique(hull.simplices, return_inverse=True)
         vertices, facets = points[used], facets.reshape(-1, 3).astype(np.int64)
@@ -67,6 +68,7 @@ class Tipping:
         It is as if water rose from every bottom: where two lakes meet, the shallower one ends, and
         counts if it had become that deep.
         """
+        # A tree of the lowest passes, which joins all facets.
         count = len(self.heights)
         one = np.repeat(np.arange(count), 3)
         weights = 1.0 + self.passes.ravel()  # zero is no arc to scipy
@@ -86,6 +88,7 @@ class Tipping:
 
         found = []
         for (first, second), level in zip(ends, levels, strict=True):
+            # Two lakes meet: the shallower one ends.
             low, high = bottom(first), bottom(second)
             if heights[low] > heights[high]:
                 low, high = high, low
@@ -102,6 +105,7 @@ class Tipping:
 
     def around(self, facet: int, lowest: float, highest: float) -> Mask:
         """(f,) facets to which the body gets from this one while its height stays between."""
+        # Ways between facets that stay within the heights.
         level = (self.heights >= lowest) & (self.heights <= highest)
         open_ = (self.passes <= highest) & level[:, None] & level[self.beside]
         row, side = np.nonzero(open_)
@@ -114,11 +118,13 @@ class Tipping:
 
 def _pass_height(normals: Array, heights: Array, other: Index) -> Array:
     """(f,) the greatest of A cos φ + B sin φ, the height on the way from each facet to another."""
+    # The angle between both sides.
     apart = np.linalg.norm(normals - normals[other], axis=1)
     angle = 2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0))
     wide = (angle > SAME_PLANE_RAD) & (angle < np.pi - SAME_PLANE_RAD)
     rise = heights[other] - heights * np.cos(angle)
     rise /= np.where(wide, np.sin(angle), 1.0)
+    # The height has its crest between them, or at one of them.
     top = np.arctan2(rise, heights)
     crest = wide & (top > 0.0) & (top < angle)
     return np.where(crest, np.hypot(heights, rise), np.maximum(heights, heights[other]))

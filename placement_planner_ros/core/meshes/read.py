@@ -87,9 +87,11 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
         ValueError: it cannot be read; the message says why.
         Exception: whatever else loaders raise at what they are given.
     """
+    # By its name and size, then by its loader.
     check_header(path)
     load = _read_by_assimp if path.suffix.lower() == ".obj" else _read_by_trimesh
     vertices, triangles = load(path)
+    # What no mesh may have.
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
     if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
@@ -105,6 +107,7 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
             f"its coordinates reach {furthest:.3g}, too large in any unit; no more than "
             f"{MAX_COORDINATE:g} is read: export it anew, best in metres"
         )
+    # Equal vertices are one.
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

@@ -121,6 +121,7 @@ def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
     Raises:
         RobotError: not an SRDF.
     """
+    # Default rules of links, single pairs, and pairs that are enabled again.
     root = read_xml(text, "robot_description_semantic")
     if root.tag != "robot":
         raise RobotError(
@@ -132,6 +133,7 @@ def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
 
     silent = {e.get("link", "") for e in root.findall("disable_default_collisions")}
     given = pairs("disable_collisions")
+    # What the URDF has not is warned of.
     unknown = sorted((silent | {link for p in given for link in p}) - set(links))
     disabled = {sorted_pair(a, b) for a in silent.intersection(links) for b in links}
     disabled = (disabled - pairs("enable_collisions")) | given
@@ -171,6 +173,7 @@ def derive_allowed_pairs(
     Raises:
         StoppedError: nobody wants the result any more.
     """
+    # Neighbours, and the pairs that are left to be decided.
     links = sorted(set(geometry_links))
     joint = {link: model.frames[model.getFrameId(link, BODY)].parentJoint for link in links}
     neighbours = _neighbouring_links(model, links)
@@ -179,6 +182,7 @@ def derive_allowed_pairs(
     undecided = [p for p in apart if p not in neighbours and joint[p[0]] != joint[p[1]]]
     pairs = LinkPairs(undecided, model, geometry, geometry_links, covers)
 
+    # The zero pose, of links below joints that can be there.
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
     zero = follow_masters(ties, np.clip(np.zeros(model.nq), lower, upper))
     moved = {n + 1 for n in np.flatnonzero(zero).tolist() if n not in ties[:, 0]}
@@ -190,6 +194,7 @@ def derive_allowed_pairs(
         and not any(moved.intersection(model.supports[joint[link]]) for link in undecided[n])
     }
     needed[list(at_zero)] = 0.0
+    # Random configurations, of which each pair needs a share.
     seen, rng = np.zeros(len(undecided), dtype=np.int64), np.random.default_rng(0)
     for left in range(SAMPLES - 1, -1, -1):
         if not len(pairs.rows):
@@ -199,6 +204,7 @@ def derive_allowed_pairs(
         seen[list(pairs.meeting_at(q))] += 1
         # What cannot come to the share that it needs any more is not looked at again.
         pairs.rows = pairs.rows[(seen + left >= needed * SAMPLES)[pairs.rows[:, 2]]]
+    # What is left has come to its share.
     for number in sorted(set(pairs.rows[:, 2].tolist())):
         links_, share = undecided[number], float(seen[number] / SAMPLES)
         if share >= ALWAYS:
@@ -219,6 +225,7 @@ def _neighbouring_links(model: pin.Model, links: list[str]) -> set[Pair]:
     """Each of the links with the next of them towards the root."""
     found = set()
     for link in links:
+        # Up to the next link that has geometry.
         frame = model.getFrameId(link, BODY)
         while (frame := model.frames[frame].parentFrame) != 0:
             above = model.frames[frame]
@@ -248,6 +255,7 @@ class LinkPairs:
         self._model = model
         self._shapes = [(g.parentJoint, pin.SE3(g.placement)) for g in geometry.geometryObjects]
         self._overlaps = Overlaps.of(geometry, covers)
+        # Every shape of the one link against every shape of the other.
         of_link: dict[str, list[int]] = {}
         for i, link in enumerate(geometry_links):
             of_link.setdefault(link, []).append(i)
@@ -279,6 +287,7 @@ class LinkPairs:
     def meeting_at(self, q: Array) -> set[int]:
         """Numbers of the pairs whose meshes overlap at q (nq,)."""
         data = self._model.createData()
+        # Shapes where the joints put them; balls around them first.
         pin.forwardKinematics(self._model, data, q)
         placed = [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in self._shapes]
         found: set[int] = set()

@@ -82,6 +82,7 @@ class Announcement:
         Args:
             accelerations: False: those are given otherwise.
         """
+        # Joints with the same limit together.
         found: dict[tuple[str, float, str], list[str]] = {}
         for each in self.assumed:
             if accelerations or each.what == "velocity":
@@ -115,6 +116,7 @@ def announce_arm(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
         derived: whether its joints were derived.
     """
     model = robot.model
+    # What each joint carries beside the arm and its hand.
     ids = [model.getJointId(joint) for joint in arm.joints]
     below = [set(model.subtrees[i]) for i in ids]
     hand = below[-1]

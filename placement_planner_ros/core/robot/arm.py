@@ -113,6 +113,7 @@ class Arm:
         Raises:
             RobotError: they leave a joint no range.
         """
+        # The range of a follower, as a range of the joint that it follows.
         lower, upper = np.array(lower, np.float64), np.array(upper, np.float64)
         for joint, other, factor, offset in self.ties.tolist():
             if factor == 0.0:
@@ -120,6 +121,7 @@ class Arm:
             low, high = sorted((end[int(joint)] - offset) / factor for end in (lower, upper))
             lower[int(other)] = max(lower[int(other)], low - ROUNDING)
             upper[int(other)] = min(upper[int(other)], high + ROUNDING)
+        # Followers have what their masters leave them.
         ends = np.sort(follow_masters(self.ties, np.stack([lower, upper])), axis=0)
         if (ends[0] > ends[1]).any() or (lower > upper)[self.ties[:, 1].astype(int)].any():
             remedy = "limits of joints that mimic each other leave them no range; widen them"
@@ -134,6 +136,7 @@ class Arm:
         Q, turn = np.asarray(Q), 2.0 * np.pi
         if not self.turnable:
             return Q
+        # Turns that the limits allow, and of these those nearest to q.
         fewest, most = np.ceil((Q - self.upper) / turn), np.floor((Q - self.lower) / turn)
         turns = np.clip(np.round((Q - q) / turn), fewest, np.maximum(most, fewest))
         return np.where(np.isin(self.joints, self.turnable), Q - turn * turns, Q)

@@ -98,6 +98,7 @@ class Description:
         Raises:
             RobotError: pinocchio refuses it.
         """
+        # Links, and of joints what is kinematics.
         bare = ET.Element("robot", name=self.root.get("name", ""))
         for link in self.root.findall("link"):
             ET.SubElement(bare, "link", name=_name_of(link))
@@ -138,6 +139,7 @@ def read_xml(text: str, field: str) -> ET.Element:
         raise RobotError(
             field, f"{len(text)} characters", f"is longer than {MAX_TEXT}; simplify it"
         )
+    # Without namespaces, which need not be bound.
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
@@ -168,8 +170,10 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
         raise RobotError(
             "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
         )
+    # The tree, and rotations in the one form that is read below.
     _check_tree(root)
     warnings = [*_unexpanded_xacro(root), *_rotations_as_rpy(root)]
+    # Joints one by one, movable ones with their limits.
     elements = {_name_of(e): e for e in root.findall("joint")}
     joints = {}
     for name, element in elements.items():
@@ -185,6 +189,7 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
                 "only fixed, revolute, continuous and prismatic joints have one coordinate;"
                 " fix this joint or replace it by a chain of those",
             )
+    # What is said of joints must be said of these.
     if strangers := sorted(set(limits) - set(joints)):
         names = listed(strangers, most=MAX_NAMED)
         warnings.append(f"{FIELD} has limits of {names}, no movable joints of the URDF")
@@ -218,6 +223,7 @@ def _rotations_as_rpy(root: ET.Element) -> list[str]:
     if turned and root.get("version", "1.0") == "1.0":
         words = "quat_xyzw is of URDF 1.1 and ignored, as everywhere; write <robot version='1.1'>"
         return [f"{len(turned)} origins: {words}"]
+    # Each becomes roll, pitch and yaw.
     for origin in turned:
         text = origin.attrib.pop("quat_xyzw")
         xyzw = read_floats(text, 4, "origin quat_xyzw")
@@ -279,6 +285,7 @@ def _name_of(element: ET.Element) -> str:
 
 
 def _check_tree(root: ET.Element) -> None:
+    # Names that are there once.
     links, joints = ([_name_of(e) for e in root.findall(tag)] for tag in ("link", "joint"))
     if not 0 < len(links) <= MAX_LINKS:
         words = f"{len(links)} links"
@@ -286,6 +293,7 @@ def _check_tree(root: ET.Element) -> None:
     twice = [name for names in (links, joints) for name in set(names) if names.count(name) > 1]
     if twice:
         raise RobotError("robot_description", min(twice), "occurs twice; names are unique")
+    # Each link below one joint at most, and all of them below the same root.
     parents: dict[str, str] = {}
     for name, joint in zip(joints, root.findall("joint"), strict=True):
         parent, child = (_end_of(joint, end, links) for end in ("parent", "child"))
@@ -297,6 +305,7 @@ def _check_tree(root: ET.Element) -> None:
         raise RobotError(
             "robot_description", roots, "are the roots of several trees; add a fixed joint between"
         )
+    # What no way from the root leads to hangs on itself.
     reached: set[str] = set(roots)
     while more := {link for link in parents if parents[link] in reached} - reached:
         reached |= more
@@ -330,6 +339,7 @@ def _read_joint(
     warnings: list[str],
 ) -> Joint:
     field, kind = f"joint {name}", element.get("type")
+    # Axis and limits.
     axis, limit = element.find("axis"), element.find("limit")
     if axis is not None and not read_floats(axis.get("xyz", ""), 3, f"{field}: axis").any():
         raise RobotError(f"{field}: axis", axis.get("xyz"), "must not be zero")
@@ -337,6 +347,7 @@ def _read_joint(
         raise RobotError(field, kind, "give it a <limit> with lower and upper")
     lower, upper, endless = _read_range(element, field, stated, warnings)
     prismatic, assumed = kind == "prismatic", []
+    # Rates, assumed where nobody states them.
     velocity = _lowest_rate(limit, ("velocity",), stated.velocity, MAX_VELOCITY, field)
     if velocity is None:
         assumed.append(rate := assumed_rate(name, "velocity", prismatic=prismatic))
@@ -349,6 +360,7 @@ def _read_joint(
         assumed.append(rate := assumed_rate(name, "acceleration", prismatic=prismatic))
         acceleration = rate.value
 
+    # The one form that pinocchio is given.
     element.set("type", "prismatic" if prismatic else "revolute")
     if limit is None:
         limit = ET.SubElement(element, "limit")
@@ -380,11 +392,13 @@ def _read_range(
     MoveIt keeps to.
     """
     kind, limit = element.get("type"), element.find("limit")
+    # The range of the URDF.
     lower, upper = (_number_in(limit, end, 0.0, field) for end in ("lower", "upper"))
     if math.isnan(lower) or math.isnan(upper) or lower > upper:
         raise RobotError(field, (lower, upper), "give lower <= upper")
     if kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower)):
         lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
+    # The narrower of it and what else is stated, then the soft limits.
     around = (lower, upper)
     lower = lower if stated.lower is None else max(lower, stated.lower)
     upper = upper if stated.upper is None else min(upper, stated.upper)
@@ -408,6 +422,7 @@ def _within_soft_limits(
     What is no number, as a variable that nobody replaced, and what leaves no range, is told and
     ignored. One that is not stated is 0, as for urdfdom.
     """
+    # The soft limits as they are written.
     names = ("soft_lower_limit", "soft_upper_limit")
     safety = element.find("safety_controller")
     texts = [None if safety is None else safety.get(name) for name in names]
@@ -419,6 +434,7 @@ def _within_soft_limits(
     except ValueError:
         warnings.append(f"{said} are no numbers, and ignored")
         return lower, upper
+    # They count where they leave a range.
     inside = max(lower, soft[0]), min(upper, soft[1])
     if not (inside[0] < inside[1] and all(map(math.isfinite, soft))):
         warnings.append(f"{said} leave nothing of [{lower:g}, {upper:g}], and are ignored")
@@ -441,6 +457,7 @@ def _lowest_rate(
 
 def _read_mimic(name: str, elements: dict[str, ET.Element], warnings: list[str]) -> Mimic | None:
     """The mimic of a joint, followed to a joint that mimics none; None where it names no joint."""
+    # From joint to joint, factors and offsets added up.
     multiplier, offset, current = 1.0, 0.0, name
     seen = [name]
     while (mimic := elements[current].find("mimic")) is not None:

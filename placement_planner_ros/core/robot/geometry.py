@@ -148,6 +148,7 @@ def build_geometry(
     Raises:
         RobotError: a geometry is empty, not finite, flat, in millimetres, too large or not found.
     """
+    # Not too many, and each file read once.
     count = sum(1 for _ in root.iterfind("link/collision"))
     if count > MAX_SHAPES:
         raise RobotError(
@@ -161,6 +162,7 @@ def build_geometry(
     keys: list[_Key | None] = []
     faults: list[RobotError] = []
     points: list[str] = []
+    # Each shape of each link, all faults together.
     for link in root.findall("link"):
         name = str(link.get("name"))
         frame_id = model.getFrameId(name, pin.FrameType.BODY)
@@ -190,6 +192,7 @@ def build_geometry(
             keys.append(key)
     if faults:
         raise faults[0] if len(faults) == 1 else ShapesError(faults)
+    # Covers of the meshes that are not convex.
     soups = list(meshes.soups.values())
     made = [
         LinkCover(each.parts, each.excess, each.closed, soup)
@@ -209,6 +212,7 @@ def _read_shape(
 ) -> tuple[coal.CollisionGeometry, _Key | None] | None:
     """The shape and, of a mesh, its key; None of a primitive all of whose sizes are 0, which
     some robots have where nothing is."""
+    # One shape: a mesh, or a primitive with its sizes.
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1:
@@ -239,6 +243,7 @@ class _Folders:
 
     def find(self, uri: str) -> Path:
         """The file a mesh URI names: package://, file://, absolute, or relative to a folder."""
+        # Packages of that name.
         parts = urlparse(uri)
         if parts.scheme == "package" and not parts.netloc:
             raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
@@ -250,6 +255,7 @@ class _Folders:
             folders = [Path(folder) for folder in self._package_dirs]
             packages = [folder / parts.netloc for folder in folders]
             packages += [folder for folder in folders if folder.name == parts.netloc]
+        # Where the file may be.
         if parts.scheme == "package":
             candidates = [package / unquote(parts.path).lstrip("/") for package in packages]
         elif parts.scheme == "file":
@@ -261,6 +267,7 @@ class _Folders:
         for candidate in candidates:
             if candidate.is_file():
                 return candidate.resolve()
+        # In none of these: say where it was looked for.
         if parts.scheme == "package" and not packages:
             known_ones = ", ".join(str(each) for each in self._package_dirs) or "none"
             raise FileNotFoundError(
@@ -301,6 +308,7 @@ class _Meshes:
             path = self._files.find(uri)
         except (OSError, ValueError) as error:  # ValueError: no URI, or a null in a path
             raise RobotError(f"{field}: mesh", uri, str(error)) from error
+        # One shape for each file and scale.
         key = (path, tuple(scale))
         if key not in self._shapes:
             if path not in self._read:
@@ -342,6 +350,7 @@ def mesh_shape(
     Raises:
         RobotError: empty, not finite, degenerate or larger than `MAX_EXTENT`.
     """
+    # What no link has.
     vertices = vertices * scale
     if not len(vertices) or not len(triangles):
         raise RobotError(field, name, "is empty")
@@ -355,6 +364,7 @@ def mesh_shape(
             name,
             f"is {extent:.0f} m long; if it is in millimetres, give scale 0.001 0.001 0.001",
         )
+    # A polytope where it is convex, else its triangles.
     corners = vertices[triangles]
     if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise RobotError(field, name, "has no surface; check its scale")

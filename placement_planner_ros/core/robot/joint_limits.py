@@ -85,6 +85,7 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
     Raises:
         RobotError: not of that form, or a limit is no number, or not above zero.
     """
+    # Below the levels that MoveIt has around.
     for level in (FIELD, "joint_limits"):
         if isinstance(given, Mapping) and level in given:
             given = given[level]
@@ -107,6 +108,7 @@ def _refuse_joint(joint: str, values: object, remedy: str) -> bool:
 
 
 def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
+    # Numbers of limits that are not switched off.
     off = {kind for kind in _KINDS if values.get(f"has_{kind}_limits") is False}
     numbers: dict[str, float | None] = {}
     for name in _NUMBERS:

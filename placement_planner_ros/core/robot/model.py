@@ -121,6 +121,7 @@ class Robot:
         Raises:
             RobotError: the description or its geometry is unusable; the message names the part.
         """
+        # Kinematics, then geometry.
         description = read_urdf(urdf_text, joint_limits)
         model = description.build_model()
         joints = [description.joints[name] for name in model.names[1:]]
@@ -131,6 +132,7 @@ class Robot:
         warnings = [*description.warnings, *notes]
         left_out: tuple[pairs.LeftOut, ...] | None = None
         passive: frozenset[str] = frozenset()
+        # Pairs to leave out: of the SRDF, or derived.
         if srdf is None:
             names = [joint.name for joint in joints]
             ties = [
@@ -186,6 +188,7 @@ class Robot:
     @property
     def turnable(self) -> frozenset[str]:
         """Joints that turn two times around or more."""
+        # A range of two turns, of joints that turn and are tied to none.
         around = self.upper - self.lower >= 4.0 * np.pi - LIMIT_TOLERANCE
         kinds = [joint.shortname() for joint in self.model.joints[1:]]
         return frozenset(
@@ -213,6 +216,7 @@ class Robot:
     def needed_joints(self) -> tuple[str, ...]:
         """Joints whose values must be known: all but those that mimic another, are passive, or move
         no shape."""
+        # Joints on the way to any shape.
         moving = {g.parentJoint for g in self.geometry.geometryObjects}
         carrying = {joint for shape in moving for joint in self.model.supports[shape]}
         movers = {str(self.model.names[joint]) for joint in carrying}
@@ -235,10 +239,12 @@ class Robot:
         Raises:
             JointStateError: a joint is missing or not finite; the message names them.
         """
+        # Missing ones first.
         wanted = {*self.needed_joints, *also}.difference(self.mimics)
         missing = [name for name in self.joint_names if name in wanted and name not in positions]
         if missing:
             raise JointStateError("joint_states: missing", missing, "give these joints too")
+        # All that is given; the others at zero or the limit next to it.
         known = [n for n in self.joint_names if n in positions and n not in self.mimics]
         q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
         return self._filled(q, {name: positions[name] for name in known})
@@ -369,6 +375,7 @@ class Robot:
 
     def carried(self, T: pin.SE3, frame: str) -> Robot:
         """This robot, all of it moved by T, in a frame of that name."""
+        # What hangs on the root directly moves; all else with it.
         model, geometry = self.model.copy(), self.geometry.copy()
         for joint in range(1, model.njoints):
             if model.parents[joint] == 0:
@@ -432,6 +439,7 @@ class Robot:
             raise RobotError(
                 f"{where}: tip_frame", tip_frame, f"name a link of the robot {self.name!r}"
             )
+        # Joints on the way to the tip, in their order.
         chain = self._chain_joints(tip_frame)
         joints = chain if joints is None else tuple(joints)
         if not joints:
@@ -446,6 +454,7 @@ class Robot:
             raise RobotError(
                 f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
             )
+        # What moves together, and what may touch.
         ties = self._ties(where, joints, chain)
         if touch_links is None:
             touch_links = self._hand_links(tip_frame)
@@ -453,6 +462,7 @@ class Robot:
         for link in touch_links:
             if not self.has_link(link):
                 raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
+        # The arm, with limits that fit each other.
         index, turnable = [self.index(joint) for joint in joints], self.turnable
         arm = Arm(
             name=name,
@@ -479,6 +489,7 @@ class Robot:
         Raises:
             RobotError: one of them moves with a joint that is not among them.
         """
+        # A tie where both are joints of the arm; else neither may be.
         ties = []
         for follower, mimic in self.mimics.items():
             if follower in joints and mimic.master in joints:
@@ -504,6 +515,7 @@ class Robot:
         return any(thing.parentJoint in below for thing in self.geometry.geometryObjects)
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
+        # Finite numbers only, then what follows.
         bad = [
             f"{n} = {v!r}"
             for n, v in positions.items()
@@ -527,6 +539,7 @@ class Robot:
 
     def _carried_links(self, frame_id: int) -> tuple[str, ...]:
         """The link of a frame and every link it carries."""
+        # Frames below it come after it.
         carried = {frame_id}
         for index, frame in enumerate(self.model.frames):
             if frame.parentFrame in carried and index != 0:
@@ -539,6 +552,7 @@ class Robot:
 
     def _hand_links(self, tip_frame: str) -> tuple[str, ...]:
         frame_id = self.frame_id(tip_frame)
+        # Up as long as nothing has geometry and no joint is passed.
         joint = self.model.frames[frame_id].parentJoint
         while True:
             links = self._carried_links(frame_id)
@@ -630,6 +644,7 @@ def _add_collision_pairs(
 
 def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
     try:
+        # A rigid transform not far from the tip.
         T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
     except (TypeError, ValueError):
         T = np.empty(0)

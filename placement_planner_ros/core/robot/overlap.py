@@ -85,6 +85,7 @@ class MeshSurface:
         """(n, 3) of each connected piece, points that are outermost in some direction; the largest
         first."""
         rows = np.arange(self.triangles.size // 3).reshape(-1, 3)
+        # The largest pieces, and of each what is outermost.
         made = Components.of(self.triangles.reshape(-1, 3), rows)
         largest = np.argsort(-np.bincount(made.label), kind="stable")[: self._most]
         pieces = (made.corners[made.label == k].reshape(-1, 3) for k in largest)
@@ -120,6 +121,7 @@ class Overlaps:
 
     def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
         """Of which rows (n, 2 or more) the balls around both shapes meet; others cannot overlap."""
+        # Balls around both, where they are.
         at = np.array([T.act(c) for T, c in zip(placements, self.centers, strict=True)])
         at = at.reshape(-1, 3)
         first, second = rows[:, 0], rows[:, 1]
@@ -192,12 +194,14 @@ class Overlaps:
             resolution: both are no further from each other than these metres.
             beyond: metres; of what is free by then nothing more is found out than that.
         """
+        # Directions, and how far is enough in each.
         ways, bounds = self._ways_apart(i, j, T_i, T_j)
 
         def free(by: float) -> bool:
             moved = _moved_along(T_j, by * ways)
             return bounds[0] <= by or any(not self.meet(i, j, T_i, at) for at in moved)
 
+        # Further and further until one of them is free, then in between.
         near, far = 0.0, beyond or FIRST_STEP_M
         while not free(far):
             near, far = far, 1.5 * far
@@ -212,6 +216,7 @@ class Overlaps:
     def _ways_apart(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> tuple[Array, Array]:
         """The directions (26, 3) and how far j must be moved in each for their hulls to be apart,
         metres, which is no less than how far the shapes must; the shortest way first."""
+        # How far each hull reaches along them.
         ways = _cube_directions()
         reach_i = (self._outermost(i) @ (ways @ T_i.rotation).T).max(axis=0)
         reach_j = (self._outermost(j) @ (ways @ T_j.rotation).T).min(axis=0)
@@ -240,12 +245,14 @@ class Overlaps:
     def _holds(self, outer: int, inner: int, T_outer_inner: pin.SE3) -> bool:
         if not is_mesh(self.shapes[outer]):
             return False  # a solid: coal has answered
+        # Not within its box: not within it.
         box = self.shapes[outer].aabb_local
         lower, upper = np.asarray(box.min_), np.asarray(box.max_)
         middle = T_outer_inner.act(self.centers[inner])
         reach = self.radii[inner]
         if (middle + reach < lower).any() or (middle - reach > upper).any():
             return False
+        # A piece whose surface meets none is inside with any of its points.
         for piece in self._pieces_of(inner):
             points = piece @ T_outer_inner.rotation.T + T_outer_inner.translation
             inside = bool(((points >= lower) & (points <= upper)).all())
@@ -296,6 +303,7 @@ def _for_coal(T: pin.SE3) -> coal.Transform3s:
 def winding_number(point: Array, triangles: Array) -> float:
     """How often a surface (t, 3, 3) goes around a point (3,): 0 outside, 1 inside of a closed one,
     of an open one the share of the view that it covers; without its sign."""
+    # The solid angle of each triangle, added up.
     a, b, c = (triangles[:, k].T - point[:, None] for k in range(3))
     la, lb, lc = (np.sqrt(_dot_products(v, v)) for v in (a, b, c))
     triple = a[0] * (b[1] * c[2] - b[2] * c[1])

@@ -81,6 +81,7 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
         CompilationError: it failed, or what is compiled cannot be kept.
         StoppedError: nobody wants them any more.
     """
+    # Nothing is missing where every stage was passed before.
     passed = passed_file()
     if passed is not None and passed.is_file():
         return
@@ -93,6 +94,7 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
             said = done
             told(CompilationProgress(done, kernels, time.monotonic() - began, before))
 
+    # Processes compile, and the folder tells how far they are.
     with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
         _run_processes(errors, lambda: tell(_compiled_in(folder)))
     tell(kernels)
@@ -120,6 +122,7 @@ def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
         finally:
             process.kill()  # the copies of it end as the pipe is closed
     if process.returncode != 0:
+        # The last that they said.
         errors.seek(0)
         last = " ".join(errors.read().decode(errors="replace").split())[-300:]
         raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
@@ -172,6 +175,7 @@ class _Turns(event.Listener):
 
     def on_start(self, told: Any) -> None:
         """A kernel is not on disk, and would be compiled."""
+        # What was compiled before is written by now.
         self.give_back()
         kernel = told.data["dispatcher"].py_func
         lock = FileLock(self._folder / f"{kernel.__module__}.{kernel.__name__}.lock")
@@ -179,6 +183,7 @@ class _Turns(event.Listener):
         if not kernel.__module__.startswith(CORE_PACKAGE):
             return  # numba's own, which is not kept
         try:
+            # Ours to compile, or another one is at it.
             lock.acquire(timeout=0)
         except Timeout:
             if self.patient:
@@ -201,10 +206,12 @@ def _pass_stages(first: int) -> None:
     assert folder is not None
     turns = _Turns(folder)
     event.register("numba:compile", turns)
+    # Stages in turn; those that wait for another process come again later.
     waiting, put_off = deque(STAGES[first:] + STAGES[:first]), 0
     task: KnownTask | None = None
     with bypassed_cache():
         while waiting:
+            # All were put off: wait for the first of them.
             turns.patient = put_off >= len(waiting)
             try:
                 task = task or KnownTask()
@@ -224,6 +231,7 @@ def _compile_in_processes() -> int:
     Returns:
         0 where none failed.
     """
+    # A copy for each further core, beginning with another stage.
     count = len(os.sched_getaffinity(0))
     others: list[int] = []
     while len(others) < count - 1:
@@ -233,6 +241,7 @@ def _compile_in_processes() -> int:
             _pass_stages(len(others) * len(STAGES) // count)
             return 0
     threading.Thread(target=_end_with_caller, daemon=True).start()
+    # This process does its share, then waits for the copies.
     _pass_stages(0)
     codes = [os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) for other in others]
     keep_passed()

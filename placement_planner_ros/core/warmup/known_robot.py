@@ -46,6 +46,7 @@ START = {"finger_1": 0.03, "lift": 0.45}
 
 def known_robot() -> tuple[Robot, Arm]:
     """The robot, and its arm with one grasp: from above, of what is 0.06 m wide."""
+    # The hand is above what it holds.
     robot = Robot.from_urdf(_urdf_text(), _Bracket())
     grasp = np.eye(4)
     grasp[2, 3] = -0.09
@@ -90,9 +91,11 @@ class _Bracket:
 
     def read(self, path: Path) -> tuple[Array, Triangles]:
         """Vertices and triangles."""
+        # An L, drawn out along z.
         corners = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]]) * 0.02
         ends = (np.full(6, -0.02), np.full(6, 0.02))
         vertices = np.vstack([np.column_stack([corners, end]) for end in ends])
+        # Both ends, then the sides.
         cap = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
         faces = [*cap[:, ::-1], *(cap + 6)]
         for k in range(6):

@@ -75,6 +75,7 @@ class KnownTask:
 
     def reach(self) -> None:
         """Inverse kinematics, with the self-motions that only some searches need."""
+        # Solve, walk along self-motions and follow.
         chain = Chain.from_robot(self._robot, self._arm, self._q)
         q = self._q[self._arm.q_index]
         tip = chain.forward(q)
@@ -102,11 +103,13 @@ class KnownTask:
 
     def distances(self) -> None:
         """Clearance and its gradient; how far surfaces go on, and what rises from them."""
+        # Clearance at a pose, and its gradient.
         context = ObjectiveContext(self._environment, self._environment.volume, self._box)
         objective = make_objective("maximize_clearance", context)
         objective_gradient(objective, _translated_pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
         self._environment.clearance.envelope(1.0)
+        # Support, and what rises from it.
         support = self._environment.support
         support.supported(np.zeros((1, 3)), 0.003, 0.05)
         one, far_below = (
@@ -127,6 +130,7 @@ class KnownTask:
 
     def carry(self) -> None:
         """Configurations and edges that keep the object upright."""
+        # The object may lean, but little.
         chain = Chain.from_robot(self._robot, self._arm, self._q)
         limit = TiltLimit(self._up(), 0.1)
         upright = TiltConstraint(chain, self._arm.grasps[0].rotation, limit)
@@ -137,6 +141,7 @@ class KnownTask:
 
     def self_filter(self) -> None:
         """Which points of a cloud belong to a surface, and which are far from all that matters."""
+        # A box stands for any surface.
         surface = SolidSurface.of(self._box.vertices[self._box.triangles])
         surface.distances(np.zeros((1, 3)), 0.01)
         rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))
@@ -188,6 +193,7 @@ class KnownTask:
 
     def _place(self, problem: Problem, settings: PlannerSettings) -> None:
         """A placement, and a second one where better ones are sought at once."""
+        # Until one is found, or two.
         context = ObjectiveContext(problem.environment, problem.volume, problem.body)
         objective = make_objective("maximize_clearance", context)
         planner = PlacementPlanner(problem, objective, settings, _stage_rng())
@@ -200,6 +206,7 @@ class KnownTask:
     def search_in_vain(self) -> None:
         """Where support is out of reach, and where it is too narrow."""
         inside = self._environment.volume
+        # Surfaces where nothing can be placed.
         for away, width, name in ((4.0, 0.06, "out of reach"), (0.0, 0.02, "too narrow")):
             offset = np.array([away, 0.0, 0.0])
             volume = TargetVolume(inside.lower + offset, inside.upper + offset)
@@ -247,12 +254,14 @@ def _noisy_surroundings(
 
     Another is made with what a sensor above does not see, and with a gap that it sees through.
     """
+    # A surface and a block, as a camera sees them.
     block = _level_points(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
     points = rng.normal(np.vstack([_level_points(0.25, 0.25, 0.0), block]), 0.001)
     volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
     bounds = workspace(robot, (arm,), q_start, body, volume)
     settings = GridSettings()
     eye = np.array([0.0, 0.0, 1.5])
+    # What is seen from above, with a gap.
     seen = points[~flying_pixels(points, eye)]
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
     Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
@@ -261,6 +270,7 @@ def _noisy_surroundings(
 
 def _level_points(length: float, width: float, height: float) -> Array:
     """Points (n, 3) of a rectangle of twice that length and width around the origin."""
+    # Points every 5 mm.
     spacing = 0.005
     x, y = (np.arange(-half, half + spacing, spacing) for half in (length, width))
     flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -277,6 +287,7 @@ def _body_of_mesh(mesh: trimesh.Trimesh) -> Body:
 
 def _tray_mesh() -> trimesh.Trimesh:
     """A flat open box, a single closed mesh."""
+    # Rings of the outer and the inner wall.
     outline = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
     rings = [(0.03, 0.0), (0.03, 0.04), (0.024, 0.04), (0.024, 0.005)]
     vertices = np.vstack([np.column_stack([outline * r, np.full(4, z)]) for r, z in rings])

@@ -34,12 +34,14 @@ def load_kernels() -> None:
     Raises:
         WarmupError: a stage was not passed.
     """
+    # Load what was compiled for the arguments that are written down.
     path = passed_file()
     if path is not None and path.is_file():
         for module, name, signatures in pickle.loads(path.read_bytes()):
             for signature in signatures:
                 getattr(import_module(module), name).compile(signature)
         return
+    # Pass all stages, making all that is on disk.
     with bypassed_cache():
         for stage in STAGES:
             stage(KnownTask())
@@ -51,6 +53,7 @@ def keep_passed() -> None:
     path = passed_file()
     if path is None:
         return
+    # Kernels and what they were compiled for, moved into place.
     found = [
         (kernel.py_func.__module__, kernel.py_func.__name__, kernel.signatures)
         for kernel in loaded_kernels()
@@ -67,6 +70,7 @@ def keep_passed() -> None:
 
 def loaded_kernels() -> list[Any]:
     """All kernels of the core's modules that are imported."""
+    # Of all modules, each kernel once.
     modules = [
         module for name, module in sys.modules.items() if name.startswith(f"{CORE_PACKAGE}.")
     ]
