@@ -212,7 +212,7 @@ class Bench:
         now = time.monotonic()
         return self.node._inputs.joints.age(now) < now - began
 
-    def wait(self, condition, timeout=120.0, again=None):
+    def wait(self, condition, timeout=600.0, again=None):
         """Wait until a condition holds, doing something again and again."""
         end = time.monotonic() + timeout
         last = 0.0

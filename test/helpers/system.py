@@ -81,10 +81,13 @@ class Client(Node):
         self.executor_ = SingleThreadedExecutor()
         self.executor_.add_node(self)
         self._spinning = Spinning(self.executor_)
+        self.guests = []
+        """Nodes that it spins, too, destroyed once none of their callbacks can run."""
 
     def close(self):
         self._spinning.end()
-        self.destroy_node()
+        for node in (*self.guests, self):
+            node.destroy_node()
 
     def request(self, kind, service, request, node=NODE):
         name = f"{node}/{service}"
@@ -129,7 +132,7 @@ class Client(Node):
         return self.value("state")
 
 
-def wait(condition, timeout=120.0):
+def wait(condition, timeout=600.0):
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, "waited in vain"

@@ -56,6 +56,6 @@ def scene(client):
     """The scene's sensors, publishing until the module's tests are over."""
     publisher = ScenePublisher([Parameter("name", value=SCENE), Parameter("object", value=OBJECT)])
     client.executor_.add_node(publisher)
+    client.guests.append(publisher)
     yield publisher
     client.executor_.remove_node(publisher)
-    publisher.destroy_node()

@@ -29,7 +29,7 @@ def fed(bench):
 def planner(fed):
     """A client with a node of its own."""
     with PlacementClient() as made:
-        made.wait_until_ready(60.0)
+        made.wait_until_ready(600.0)
         yield made
 
 

@@ -14,7 +14,7 @@ from placement_planner_ros.ros.run import watch
 @pytest.fixture
 def solution(fed, planner):
     """The second of two that a run has found."""
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: s.number == 2))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: s.number == 2))
     found(fed, 0.25, x=0.3)
     found(fed, 0.5, x=0.4)
     return placing.result
@@ -72,9 +72,9 @@ def test_validity_follows_the_node(fed, planner, solution):
 
 def test_a_solution_is_handed_out_once_newer_clouds_were_looked_at(fed, planner, monkeypatch):
     go_on, make = threading.Event(), watch.way_of
-    monkeypatch.setattr(watch, "way_of", lambda *of: make(*of) if go_on.wait(60.0) else None)
+    monkeypatch.setattr(watch, "way_of", lambda *of: make(*of) if go_on.wait(600.0) else None)
     heard = []
-    placing = Doing(lambda: planner.place({}, 60.0, until=heard.append))
+    placing = Doing(lambda: planner.place({}, 600.0, until=heard.append))
     searching(fed)
     updates = fed.node._inputs.clouds.updates
     fed.cloud(TABLE + 1e-4)
@@ -100,7 +100,7 @@ def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
         heard.append(solution)
         return solution.number == 2
 
-    placing = Doing(lambda: planner.place({}, 60.0, until=second))
+    placing = Doing(lambda: planner.place({}, 600.0, until=second))
     found(fed, 0.25)
     fed.wait(lambda: heard)
     fed.wait(lambda: planner.validity(heard[0]))

@@ -20,7 +20,7 @@ def held(fed):
 
     def holding(request, response):
         response = respond(request, response)
-        gate.wait(60.0)
+        gate.wait(600.0)
         return response
 
     service.callback = holding
@@ -34,7 +34,7 @@ def was_stopped(b):
 
 
 def test_withdrawing_before_start_has_answered_stops_the_run(fed, planner, held):
-    placing = Doing(lambda: planner.place({}, 60.0))
+    placing = Doing(lambda: planner.place({}, 600.0))
     searching(fed)
     planner.withdraw()
     assert not ended(fed)
@@ -45,7 +45,7 @@ def test_withdrawing_before_start_has_answered_stops_the_run(fed, planner, held)
 
 def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, monkeypatch):
     with PlacementClient() as planner:
-        planner.wait_until_ready(60.0)
+        planner.wait_until_ready(600.0)
         monkeypatch.setattr(conversation, "ANSWER_WITHIN", 0.3)
         with pytest.raises(PlacementError) as raised:
             planner.start()
@@ -58,7 +58,7 @@ def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, m
 
 def test_a_task_of_asyncio_places_in_a_thread_and_withdraws(fed, planner):
     async def cancelling():
-        task = asyncio.create_task(asyncio.to_thread(planner.place, {}, 60.0))
+        task = asyncio.create_task(asyncio.to_thread(planner.place, {}, 600.0))
         await asyncio.to_thread(searching, fed)
         planner.withdraw()
         with pytest.raises(PlacementError, match="WITHDRAWN"):
@@ -69,13 +69,13 @@ def test_a_task_of_asyncio_places_in_a_thread_and_withdraws(fed, planner):
 
 
 def test_withdrawing_from_another_thread_stops_the_run(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0))
+    placing = Doing(lambda: planner.place({}, 600.0))
     found(fed, 0.5)
     planner.withdraw()
     assert (placing.error.code, placing.error.run) == ("WITHDRAWN", 1)
     assert ended(fed)
     assert was_stopped(fed)
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     found(fed, 0.5, number=2)
     assert placing.result.run == 2
 
@@ -91,14 +91,14 @@ def test_an_interrupt_stops_the_run(fed, planner, monkeypatch):
 
     monkeypatch.setattr(News, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        planner.place({}, 60.0)
+        planner.place({}, 600.0)
     assert ended(fed)
     assert was_stopped(fed)
 
 
 def test_closing_stops_the_run(fed):
     with PlacementClient() as planner:
-        placing = Doing(lambda: planner.place({}, 60.0))
+        placing = Doing(lambda: planner.place({}, 600.0))
         searching(fed)
     assert placing.error.code == "WITHDRAWN"
     assert was_stopped(fed)
@@ -106,7 +106,7 @@ def test_closing_stops_the_run(fed):
 
 def test_a_run_that_was_begun_on_its_own_goes_on(fed):
     with PlacementClient() as planner:
-        run = planner.start({}, patience=60.0)
+        run = planner.start({}, patience=600.0)
         searching(fed)
     assert not ended(fed)
     found(fed, 0.5)

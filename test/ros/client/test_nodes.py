@@ -42,7 +42,7 @@ def spun(ros):
 def test_a_node_that_the_caller_spins_will_do(fed, spun):
     node = spun(SingleThreadedExecutor())
     with PlacementClient(node) as planner:
-        placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+        placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
         found(fed, 0.5)
         assert placing.result.objective == 0.5
         topics = {s.topic_name for s in node.subscriptions}
@@ -54,8 +54,8 @@ def test_a_node_that_the_caller_spins_will_do(fed, spun):
 
 def test_clients_of_one_process_have_nodes_of_their_own_names_and_say_when_they_are_closed(fed):
     with PlacementClient() as one, PlacementClient() as other:
-        one.wait_until_ready(60.0)
-        other.wait_until_ready(60.0)
+        one.wait_until_ready(600.0)
+        other.wait_until_ready(600.0)
         names = [name for name in fed.node.get_node_names() if name.startswith("placement_client")]
         assert len(set(names)) == len(names) >= 2
     for call in (one.place, one.start, one.clear_environment, lambda: one.wait_until_ready(1.0)):
@@ -69,7 +69,7 @@ def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
     with PlacementClient(node) as planner:
 
         def respond(request, response):
-            response.message = str(planner.place({}, 60.0, until=lambda s: True).objective)
+            response.message = str(planner.place({}, 600.0, until=lambda s: True).objective)
             return response
 
         own = MutuallyExclusiveCallbackGroup()
@@ -161,7 +161,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         assert "no recent joint states, clouds" in raised.value.words
         half = replace(planner.status, values={"warm_progress": "3 of 9 kernels compiled"})
         assert half.lacking == "3 of 9 kernels compiled"
-        waiting = Doing(lambda: planner.wait_until_ready(60.0))
+        waiting = Doing(lambda: planner.wait_until_ready(600.0))
         b.node._warm.set()
         b.cloud()
         b.wait(lambda: planner.status.lacking == "inputs: no recent joint states", again=b.cloud)

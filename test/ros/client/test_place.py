@@ -23,7 +23,7 @@ from placement_planner_ros.ros.run import worker
 
 
 def test_a_solution_has_all_its_parts(fed, planner):
-    placing = Doing(lambda: planner.place({"seed": 3}, 60.0, until=lambda s: s.number == 2))
+    placing = Doing(lambda: planner.place({"seed": 3}, 600.0, until=lambda s: s.number == 2))
     found(fed, 0.5, 0.75, retreats=True, terms=(("near", -0.25), ("edge", 0.0625)))
     solution = placing.result
     assert (solution.run, solution.number, solution.objective) == (1, 2, 0.75)
@@ -44,17 +44,17 @@ def test_a_solution_has_all_its_parts(fed, planner):
 
 
 def test_a_solution_without_a_retreat_says_so(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     found(fed, 0.5)
     assert placing.result.retreat_trajectory is None
 
 
 def test_the_best_is_returned_at_the_deadline(fed, planner, monkeypatch):
     heard = []
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: heard.append(s.objective)))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: heard.append(s.objective)))
     found(fed, 0.25, 0.5)
     fed.wait(lambda: heard)
-    later(monkeypatch, 61.0)
+    later(monkeypatch, 601.0)
     assert placing.result.objective == 0.5
     assert ended(fed)
     assert fed.node._commands.run.state == worker.State.STOPPED
@@ -82,16 +82,16 @@ def test_a_search_that_is_done_is_not_waited_for(fed, planner):
 
 def test_results_of_other_runs_count_for_nothing(fed, planner):
     """What is latched, and what the client has heard of the run before."""
-    before = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    before = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     found(fed, 0.9)
     assert before.result.run == 1
     with PlacementClient() as late:
-        late.wait_until_ready(60.0)
+        late.wait_until_ready(600.0)
         fed.wait(lambda: late.improvement(1) is not None)
         heard = []
         for each, number in ((late, 2), (planner, 3)):
             placing = Doing(
-                lambda each=each: each.place({}, 60.0, until=lambda s: heard.append(s.run) or True)
+                lambda each=each: each.place({}, 600.0, until=lambda s: heard.append(s.run) or True)
             )
             searching(fed, number)
             found(fed, 0.1, number=number)
@@ -104,7 +104,7 @@ def test_results_of_other_runs_count_for_nothing(fed, planner):
 
 def test_a_refusal_has_the_nodes_code_and_words(fed, planner):
     with pytest.raises(PlacementError) as raised:
-        planner.place({"target_volume": [0.0, 0.0, 0.0, 1.0, 1.0, -1.0]}, 60.0)
+        planner.place({"target_volume": [0.0, 0.0, 0.0, 1.0, 1.0, -1.0]}, 600.0)
     assert raised.value.code == "BAD_VOLUME"
     assert "target_volume" in raised.value.words
     assert str(raised.value).startswith("BAD_VOLUME: ")
@@ -112,7 +112,7 @@ def test_a_refusal_has_the_nodes_code_and_words(fed, planner):
 
 
 def test_a_search_without_a_solution_says_why(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0))
+    placing = Doing(lambda: planner.place({}, 600.0))
     searching(fed).cause = "OUT_OF_REACH"
     fed.planners[0].exhausted = "nothing is in reach"
     fed.planners[0].done.set()
@@ -169,7 +169,7 @@ def test_another_run_of_another_client_is_said(fed, planner):
 
 
 def test_what_until_raises_stops_the_run(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0, until=refuse))
+    placing = Doing(lambda: planner.place({}, 600.0, until=refuse))
     found(fed, 0.5)
     assert placing.error.code == "OWN"
     assert ended(fed)
@@ -190,7 +190,7 @@ def refuse(solution):
 
 def test_a_robot_that_comes_to_rest_is_waited_for(fed, planner, answers):
     fed.sensors.move(0.2)
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     found(fed, 0.5)
     assert placing.result.run == 1
     assert {each.code for each in answers[:-1]} == {"ROBOT_MOVING"}
@@ -200,13 +200,13 @@ def test_what_is_being_read_is_waited_for(fed, planner, answers, monkeypatch):
     gate, solids = threading.Event(), object_input.object_solids
 
     def slow(body):  # made of every body, also of one that was kept on disk
-        gate.wait(60.0)
+        gate.wait(600.0)
         return solids(body)
 
     monkeypatch.setattr(object_input, "object_solids", slow)
     box = trimesh.creation.box((0.021, 0.071, 0.094))
     own = {"object.vertices": box.vertices.ravel(), "object.triangles": box.faces.ravel()}
-    placing = Doing(lambda: planner.place(own, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place(own, 600.0, until=lambda s: True))
     fed.wait(lambda: len(answers) >= 2)
     gate.set()
     found(fed, 0.5)
@@ -227,7 +227,7 @@ def test_what_does_not_pass_by_the_deadline_is_said(fed, planner, answers):
 
 
 def test_a_robot_that_moves_has_planning_begin_again_where_it_rests(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: s.objective > 0.6))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: s.objective > 0.6))
     found(fed, 0.5)
     fed.sensors.move(0.2)
     found(fed, 0.7, number=2)
@@ -253,7 +253,7 @@ def test_a_start_waits_for_the_worker_of_the_run_before(fed, planner, answers):
     with pytest.raises(PlacementError) as raised:
         planner.stop(run)
     assert raised.value.code == "STOPPING"
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     fed.wait(lambda: len(answers) >= 3)
     hanging.done.set()
     found(fed, 0.5, number=2)
@@ -262,7 +262,7 @@ def test_a_start_waits_for_the_worker_of_the_run_before(fed, planner, answers):
 
 
 def test_a_worker_that_hangs_leaves_what_it_has_found(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
     searching(fed).deaf = True
     found(fed, 0.5)
     solution = placing.result
