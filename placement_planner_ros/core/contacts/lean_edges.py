@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.types import Array
@@ -24,53 +25,57 @@ SHARPEST_RAD = math.radians(3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeanEdge:
-    """An edge of the hull, with the side on which the wall is.
+class LeanEdges:
+    """Edges of the hull, each with the side on which the wall is, one a row.
 
     Attributes:
-        axes: (3, 3) rows in the object's frame: away from the wall, along the edge, up, where the
-            object lies on the facet away from the wall.
-        reference: (3,) the middle of the edge.
-        length: m.
-        greatest: rad that the object is turned by from there until it lies on the other facet.
-        profile: (k, 2) corners of the hull, away from the wall and up from the edge, m.
+        corners: (k, 3) of the hull, in the object's frame, metres.
+        references: (e, 3) the middles of the edges there.
+        axes: (e, 3, 3) rows: away from the wall, along the edge, up, where the object lies on the
+            facet away from the wall.
+        greatest: (e,) rad that the object is turned by from there until it lies on the other facet.
     """
 
+    corners: Array
+    references: Array
     axes: Array
-    reference: Array
-    length: float
-    greatest: float
-    profile: Array
+    greatest: Array
 
-    def turns(self, distance: Array, tilt: float) -> Array:
+    def __len__(self) -> int:
+        return len(self.references)
+
+    def turns(self, edges: npt.NDArray[np.int64], distances: Array, tilts: Array) -> Array:
         """(n,) rad by which the object is turned where it touches the wall; NaN where it does not.
 
         Args:
-            distance: (n,) of the edge, horizontally, from a wall with that tilt, metres.
+            edges: (n,) rows of these.
+            distances: (n,) of each, horizontally, from its wall, metres.
+            tilts: (n,) rad by which that leans back.
         """
-        away = np.asarray(distance, dtype=np.float64)[:, None] * math.cos(tilt)
-        far = np.hypot(self.profile[:, 0], self.profile[:, 1])
-        begins = np.arctan2(self.profile[:, 0], self.profile[:, 1])
+        # Corners away from the wall and up from the edge, as distances and angles.
+        about = self.corners - self.references[edges, None]
+        out, up = np.moveaxis(about @ self.axes[edges][:, [0, 2]].transpose(0, 2, 1), 2, 0)
+        far, begins = np.hypot(out, up), np.arctan2(out, up)
+        far[far < 1e-6] = np.nan  # the edge's own
+        away = distances * np.cos(tilts)
         # Each corner comes to the wall at its own turn; the first is the one that touches.
-        with np.errstate(invalid="ignore", divide="ignore"):
-            turns = tilt + begins + np.arcsin(away / far)
-        first = np.where(np.isfinite(turns), turns, np.inf).min(axis=1)
-        possible = (away[:, 0] > 0.0) & (first > 0.0) & (first < self.greatest)
+        with np.errstate(invalid="ignore"):
+            turns = tilts[:, None] + begins + np.arcsin(away[:, None] / far)
+        first = np.where(np.isfinite(turns), turns, np.inf).min(axis=1, initial=np.inf)
+        possible = (away > 0.0) & (first > 0.0) & (first < self.greatest[edges])
         return np.where(possible, first, np.nan)
 
-    def rotations(self, turns: Array) -> Array:
+    def rotations(self, edges: npt.NDArray[np.int64], turns: Array) -> Array:
         """(n, 3, 3) of the object, in axes away from the wall, along its foot and up."""
-        cos, sin, none, one = (
-            np.cos(turns),
-            np.sin(turns),
-            np.zeros(len(turns)),
-            np.ones(len(turns)),
-        )
-        rows = [[cos, none, -sin], [none, one, none], [sin, none, cos]]
-        return np.asarray(np.moveaxis(np.array(rows), 2, 0) @ self.axes)
+        turned = np.zeros((len(turns), 3, 3))
+        turned[:, 0, 0] = turned[:, 2, 2] = np.cos(turns)
+        turned[:, 2, 0] = np.sin(turns)
+        turned[:, 0, 2] = -turned[:, 2, 0]
+        turned[:, 1, 1] = 1.0
+        return np.asarray(turned @ self.axes[edges])
 
 
-def lean_edges(points: Array) -> tuple[LeanEdge, ...]:
+def lean_edges(points: Array) -> LeanEdges:
     """Those of the hull of points (n, 3), the longest first."""
     hull = ConvexHull(points)
     normals, corners = hull.equations[:, :3], hull.points
@@ -83,22 +88,26 @@ def lean_edges(points: Array) -> tuple[LeanEdge, ...]:
             if length >= SHORTEST_M and greatest >= SHARPEST_RAD:
                 found.append((length, greatest, shared, (facet, other)))
     found.sort(key=lambda each: -each[0])
-    vertices = corners[hull.vertices]
-    return tuple(
-        _edge(corners[shared], normals[list(order)], greatest, vertices)
-        for _, greatest, shared, sides in found[:MOST_EDGES]
-        for order in (sides, sides[::-1])
+    # Each edge with the wall on either side.
+    references, axes, greatest_of = [], [], []
+    for _, greatest, shared, sides in found[:MOST_EDGES]:
+        for order in (sides, sides[::-1]):
+            references.append(corners[shared].mean(axis=0))
+            axes.append(_edge_axes(corners[shared], normals[list(order)]))
+            greatest_of.append(greatest)
+    return LeanEdges(
+        corners[hull.vertices],
+        np.array(references).reshape(-1, 3),
+        np.array(axes).reshape(-1, 3, 3),
+        np.array(greatest_of),
     )
 
 
-def _edge(ends: Array, normals: Array, greatest: float, vertices: Array) -> LeanEdge:
-    """The edge with the object lying on the first of the facets of these normals (2, 3)."""
-    reference, length = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0]))
-    up, along = -normals[0], (ends[1] - ends[0]) / length
+def _edge_axes(ends: Array, normals: Array) -> Array:
+    """`LeanEdges.axes` with the object lying on the first of the facets of these normals (2, 3)."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    up = -normals[0]
     # The other facet faces the wall: its normal points there.
     if np.cross(along, up) @ normals[1] > 0.0:
         along = -along
-    axes = np.stack([np.cross(along, up), along, up])
-    profile = (vertices - reference) @ axes[[0, 2]].T
-    off_edge = np.hypot(profile[:, 0], profile[:, 1]) > 1e-6
-    return LeanEdge(axes, reference, length, greatest, profile[off_edge])
+    return np.stack([np.cross(along, up), along, up])

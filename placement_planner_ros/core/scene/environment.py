@@ -35,6 +35,7 @@ from placement_planner_ros.core.scene.regions import (
 )
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
+from placement_planner_ros.core.scene.walls import Wall, find_walls
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
@@ -203,8 +204,9 @@ class Environment:
     def _changed(self, **changes: Any) -> Environment:
         """A copy in which what was made of what was measured holds as before."""
         made = replace(self, **changes)
-        if "clearance" in self.__dict__:
-            object.__setattr__(made, "clearance", self.clearance)
+        for name in ("clearance", "walls"):
+            if name in self.__dict__:
+                object.__setattr__(made, name, getattr(self, name))
         return made
 
     def keeping_out(self, boxes: Array, lower: Array, upper: Array) -> Environment:
@@ -250,6 +252,13 @@ class Environment:
         step("making distances to the environment")
         beyond = CAP if self.beyond_volume else 0.0
         return ClearanceField(self.measured, self.volume, beyond, padding=AROUND_M)
+
+    @cached_property
+    def walls(self) -> tuple[Wall, ...]:
+        """Planes that stand in and around V, found when they are first asked for."""
+        step("finding walls")
+        space = self.seen_space
+        return find_walls(self.measured, self.volume, () if space is None else space.views)
 
     @classmethod
     def from_points(

@@ -7,13 +7,14 @@ is level, so `SupportMap` answers where it was measured, how far from its end, a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.layers import SlopeCloud
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.visibility import View
@@ -31,7 +32,8 @@ OFF_PLANE_M = 0.0015
 """m that points of a wall lie off its plane by at most, standard deviation, beside their noise."""
 ALIKE_RAD = math.radians(8.0)
 """rad between the normals of cubes of one wall, as so few points tell them."""
-MOST_WALLS = 16
+MOST_WALLS, MOST_SEEDS = 16, 512
+"""Walls, and cubes whose planes are looked at for them."""
 NEAR_M = 0.05
 """m before and behind a wall in which points matter to its raster."""
 
@@ -43,13 +45,14 @@ class Wall:
     Attributes:
         rotation: (3, 3) rows: along its foot, up along it, and its normal, out of it.
         offset: m from the origin along the normal.
-        extent: (2, 2) least and greatest coordinate along its foot, and up along it, m.
+        extent: (2, 2) its corners: least and greatest place along its foot and up along it, m.
     """
 
     rotation: Array
     offset: float
     extent: Array
-    _environment: Environment = field(repr=False)
+    _measured: ObstacleSet = field(repr=False)
+    _views: Sequence[View] = field(repr=False)
 
     @property
     def normal(self) -> Array:
@@ -78,68 +81,71 @@ class Wall:
     @cached_property
     def support(self) -> SupportMap:
         """What was measured of it, in coordinates of `rotation`."""
-        measured, space = self._environment.measured, self._environment.seen_space
-        points = measured.points @ self.rotation.T.astype(np.float32)
-        points = points[np.abs(points[:, 2] - self.offset) < NEAR_M]
+        measured, (low, high) = self._measured, self.extent
+        # Points near its plane, turned so that it is level.
+        away = measured.points @ self.normal.astype(np.float32) - self.offset
+        points = measured.points[np.abs(away) < NEAR_M] @ self.rotation.T.astype(np.float32)
+        # The cells that have points on it.
         band = np.abs(points[:, 2] - self.offset) <= 2.0 * OFF_PLANE_M + measured.noise
         size = measured.cell_size
         cells = np.unique(np.floor(points[band, :2] / size).astype(np.int64), axis=0)
         tops = np.column_stack([(cells + 0.5) * size, np.full(len(cells), self.offset)])
-        views = () if space is None else space.views
-        turned = [View(v.points @ self.rotation.T, self.rotation @ v.origin) for v in views]
-        low, high = self.extent
+        turned = [View(v.points @ self.rotation.T, self.rotation @ v.origin) for v in self._views]
         around = TargetVolume([*low, self.offset - 1.0], [*high, self.offset + 1.0])
         cloud = SlopeCloud(points, around, LEVEL, tops, size, measured.noise, turned)
         return SupportMap(cloud)
 
-    @cached_property
-    def box_reach(self) -> Array:
-        """(m,) m by which each box of the obstacle set reaches out of the wall's plane."""
-        boxes = self._environment.obstacles
-        n = self.normal
-        reach = np.maximum(boxes.lower * n, boxes.upper * n).sum(axis=1)
-        rows = np.flatnonzero(np.diff(boxes.first_point))
-        if len(rows):  # by the points where there are some: boxes stand out of what is askew
-            along = boxes.points.astype(np.float64) @ n
-            reach[rows] = np.maximum.reduceat(along, boxes.first_point[rows])
-        return np.asarray(reach - self.offset)
+    def is_behind(self, boxes: ObstacleSet, tolerance: float) -> npt.NDArray[np.bool_]:
+        """(m,) which boxes reach no further out of its plane than that, by their points where there
+        are some: boxes stand out of what is askew."""
+        n, most = self.normal, self.offset + tolerance
+        out, into = np.maximum(n, 0.0), np.minimum(n, 0.0)
+        behind = boxes.upper @ out + boxes.lower @ into <= most
+        crossing = ~behind & (boxes.lower @ out + boxes.upper @ into <= most)
+        for row in np.flatnonzero(crossing & (np.diff(boxes.first_point) > 0)):
+            points = boxes.points[boxes.first_point[row] : boxes.first_point[row + 1]]
+            behind[row] = (points @ n).max() <= most
+        return np.asarray(behind)
 
 
-def find_walls(environment: Environment) -> tuple[Wall, ...]:
+def find_walls(
+    measured: ObstacleSet, volume: TargetVolume, views: Sequence[View]
+) -> tuple[Wall, ...]:
     """Both sides of every plane in and around V that stands, those of most surface first."""
-    measured, volume = environment.measured, environment.volume
     lower, upper = volume.lower - AROUND_M, volume.upper + AROUND_M
-    points = measured.points.astype(np.float64)
-    points = points[((points >= lower) & (points <= upper)).all(axis=1)]
-    patches = _Patches.of(points)
+    points = measured.points[((measured.points >= lower) & (measured.points <= upper)).all(axis=1)]
+    patches = _Patches.of(points.astype(np.float64))
     noise = OFF_PLANE_M + measured.noise
     standing = np.abs(patches.normals[:, 2]) <= math.sin(STEEPEST_LEAN_RAD + ALIKE_RAD)
-    left = np.flatnonzero(standing & (patches.scatter <= noise))
+    rows = np.flatnonzero(standing & (patches.scatter <= noise))
+    # Which cubes are in one plane with each of some of them.
+    seeds = np.arange(0, len(rows), len(rows) // MOST_SEEDS + 1)
+    normals, middles = patches.normals[rows[seeds]], patches.middles[rows[seeds]]
+    fits = patches.in_planes(rows, normals, (normals * middles).sum(axis=1), noise)
+    left = np.ones(len(rows), np.bool_)
     walls: list[Wall] = []
-    while len(left) >= FEWEST_PATCHES and len(walls) < 2 * MOST_WALLS:
+    while left.sum() >= FEWEST_PATCHES and len(walls) < 2 * MOST_WALLS:
         # The cube that most others are in one plane with, and the plane of all these.
-        many = [
-            patches.in_plane(left, *patches.plane(left[k : k + 1]), noise).sum()
-            for k in range(len(left))
-        ]
-        own = left[patches.in_plane(left, *patches.plane(left[[np.argmax(many)]]), noise)]
-        if len(own) < FEWEST_PATCHES:
+        many = (fits & left).sum(axis=1) * left[seeds]
+        own = fits[np.argmax(many)] & left
+        if own.sum() < FEWEST_PATCHES:
             break
-        normal, offset = patches.plane(own)
-        own = np.union1d(own, left[patches.in_plane(left, normal, offset, noise)])
-        left = np.setdiff1d(left, own)
+        normal, offset = patches.plane(rows[own])
+        own |= left & patches.in_planes(rows, normal[None], np.array([offset]), noise)[0]
+        left &= ~own
         if abs(normal[2]) <= math.sin(STEEPEST_LEAN_RAD):
-            middles = patches.middles[own]
-            walls += [_wall(environment, side * normal, side * offset, middles) for side in (1, -1)]
+            for side in (1.0, -1.0):
+                rotation, extent = _foot_axes(side * normal, patches.middles[rows[own]])
+                walls.append(Wall(rotation, side * offset, extent, measured, tuple(views)))
     return tuple(walls)
 
 
-def _wall(environment: Environment, normal: Array, offset: float, middles: Array) -> Wall:
+def _foot_axes(normal: Array, middles: Array) -> tuple[Array, Array]:
+    """`Wall.rotation` and `Wall.extent` of cubes with these middles (n, 3)."""
     along = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
     rotation = np.stack([along, np.cross(normal, along), normal])
     at = middles @ rotation[:2].T
-    extent = np.stack([at.min(axis=0) - 0.5 * PATCH_M, at.max(axis=0) + 0.5 * PATCH_M])
-    return Wall(rotation, offset, extent, environment)
+    return rotation, np.stack([at.min(axis=0) - 0.5 * PATCH_M, at.max(axis=0) + 0.5 * PATCH_M])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,9 +197,11 @@ class _Patches:
         normal = np.linalg.eigh(spread)[1][:, 0]
         return normal, float(normal @ middle)
 
-    def in_plane(
-        self, rows: npt.NDArray[np.int64], normal: Array, offset: float, off: float
+    def in_planes(
+        self, rows: npt.NDArray[np.int64], normals: Array, offsets: Array, off: float
     ) -> npt.NDArray[np.bool_]:
-        """Which of some cubes are of a plane, their middles no further than so many metres off."""
-        alike = np.abs(self.normals[rows] @ normal) >= math.cos(ALIKE_RAD)
-        return np.asarray(alike & (np.abs(self.middles[rows] @ normal - offset) <= off))
+        """(k, n) which of some cubes are of planes (k, 3) and (k,), their middles no further than
+        so many metres off."""
+        alike = np.abs(normals @ self.normals[rows].T) >= math.cos(ALIKE_RAD)
+        away = np.abs(normals @ self.middles[rows].T - offsets[:, None])
+        return np.asarray(alike & (away <= off))

@@ -198,6 +198,8 @@ class Preparation:
             scene = before.scene if before and same_scene else surroundings.scene()
             _ = scene.clearance
             _ = scene.has_unseen_ceiling  # so that start finds it ready
+            if "lean" in snapshot.parameters.planner_settings.contacts:
+                _ = scene.walls
             environment = surroundings.environment(scene)
             step("making boxes of the obstacle set")
             box_arrays(environment.obstacles)

@@ -1,0 +1,255 @@
+"""Which edges may lean on which walls, and strips of surface before these where they would stand.
+
+How an edge leans depends on how far it is from the wall alone. So whether it could stay is looked
+up along that distance, once for edges that look alike, and a strip of surface is drawn from that
+lies between the distances of its own edges.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, could_stay, stays
+from placement_planner_ros.core.contacts.lean_edges import LeanEdges
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.scene.walls import Wall
+from placement_planner_ros.core.types import LEVEL, Array
+
+TOUCHING_M = 2e-4
+"""m from the surface and from the wall up to which corners of the hull touch."""
+STEP_M = 0.001
+"""m between distances from the wall at which it is looked whether an edge could stay."""
+ALIKE_TILT_RAD = 0.005
+"""rad by which walls differ before which edges are said to stay alike."""
+TRIES = 5
+"""Distances at which friction cones tell whether an edge stays at all."""
+STRIP_M = 0.005
+"""m, side of the squares that strips of surface before walls are made of."""
+SAME_LEVEL_M = 0.003
+"""m by which heights of surfaces of one strip differ at most."""
+
+
+class Reach(NamedTuple):
+    """From where an edge leans.
+
+    Attributes:
+        nearest, farthest: m from the wall between which it may stay.
+        touches, touches_below: m above the surface between which the object touches the wall.
+        half: m to either side of the edge's middle that it touches along the foot.
+    """
+
+    nearest: float
+    farthest: float
+    touches: float
+    touches_below: float
+    half: float
+
+
+class Feature(NamedTuple):
+    """An edge with the wall that the object leans on."""
+
+    edge: int
+    wall: int
+    reach: Reach
+
+
+class Reaches:
+    """From where edges lean on walls, for a surface and a wall that are whole.
+
+    Args:
+        center: (3,) of mass, in the object's frame.
+    """
+
+    def __init__(self, edges: LeanEdges, center: Array, footing: SupportSettings) -> None:
+        self._edges, self._center, self._footing = edges, center, footing
+        placed = [np.vstack([center, edges.corners]) - reference for reference in edges.references]
+        turned = [points @ axes.T for points, axes in zip(placed, edges.axes, strict=True)]
+        # Edges whose corners and centre lie alike about them are of one shape.
+        self._shapes = [
+            np.round([points[0], *sorted(points[1:].round(5).tolist())], 5).tobytes()
+            for points in turned
+        ]
+        self._known: dict[tuple[bytes, int], Reach | None] = {}
+
+    @property
+    def none(self) -> bool:
+        """Whether no edge stays anywhere, as far as was asked."""
+        return not any(self._known.values())
+
+    def of(self, edge: int, tilt: float) -> Reach | None:
+        """That of an edge before walls that lean back by about so much; None where it stays
+        nowhere."""
+        key = self._shapes[edge], round(tilt / ALIKE_TILT_RAD)
+        if key not in self._known:
+            self._known[key] = self._reach(edge, key[1] * ALIKE_TILT_RAD)
+        return self._known[key]
+
+    def _reach(self, edge: int, tilt: float) -> Reach | None:
+        edges, footing = self._edges, self._footing
+        farthest = np.linalg.norm(edges.corners - edges.references[edge], axis=1).max()
+        distances = np.arange(STEP_M, farthest / math.cos(tilt), STEP_M)
+        turns = edges.turns(np.full(len(distances), edge), distances, np.full(len(distances), tilt))
+        distances, turns = distances[np.isfinite(turns)], turns[np.isfinite(turns)]
+        # The corners at each distance, with the edge's middle at the origin.
+        R = edges.rotations(np.full(len(turns), edge), turns)
+        corners = (edges.corners - edges.references[edge]) @ R.transpose(0, 2, 1)
+        centers = R @ (self._center - edges.references[edge])
+        near = corners[..., 0] * math.cos(tilt) + corners[..., 2] * math.sin(tilt)
+        against = near <= near.min(axis=1, keepdims=True) + TOUCHING_M
+        lowest = np.where(against, corners[..., 2], np.inf).min(axis=1, initial=np.inf)
+        highest = np.where(against, corners[..., 2], -np.inf)
+        top = corners[np.arange(len(R)), highest.argmax(axis=1)] if len(R) else centers
+        # Where it may stay in the plane across the foot, and does at some of these distances.
+        planar = centers[:, [0, 2]], top[:, [0, 2]], tilt
+        may = could_stay(*planar, footing.friction, footing.stability_margin)
+        rows = np.flatnonzero(may & leans_far_enough(lowest, footing))
+        tried = rows[np.linspace(0, len(rows) - 1, TRIES).astype(int)] if len(rows) else rows
+        for row in tried:
+            floor = corners[row][corners[row][:, 2] <= corners[row][:, 2].min() + TOUCHING_M]
+            if is_held(floor, corners[row][against[row]], tilt, centers[row], footing):
+                ends = distances[rows[0]] - STEP_M, distances[rows[-1]] + STEP_M
+                half = np.abs(corners[row][against[row], 1]).max()
+                heights = lowest[rows].min(), lowest[rows].max()
+                return Reach(*map(float, (*ends, *heights, half)))
+        return None
+
+
+def leans_far_enough(lever: Array, footing: SupportSettings) -> Array:
+    """Whether a wall touched so many metres above the surface turns the object by no more than its
+    reserve where it is off by the tolerance."""
+    return np.asarray(lever * math.tan(TILT_RAD) >= footing.contact_tolerance)
+
+
+def is_held(
+    floor: Array, against: Array, tilt: float, center: Array, footing: SupportSettings
+) -> bool:
+    """Whether friction cones at points on surface and wall bear the weight with its reserve, in
+    axes out of the wall, along its foot, and up."""
+    return stays(
+        _drawn_in(floor, footing.contact_tolerance),
+        _drawn_in(against, footing.contact_tolerance),
+        tilt,
+        center,
+        footing.friction,
+        footing.stability_margin,
+    )
+
+
+def _drawn_in(points: Array, tolerance: float) -> Array:
+    """(k, 3) points of which those at the ends along the foot are moved inwards by the tolerance,
+    as what carries them may end there."""
+    low, high = points[:, 1].min(), points[:, 1].max()
+    half = max(0.5 * (high - low) - tolerance, 0.0)
+    moved = points.copy()
+    moved[:, 1] = np.clip(points[:, 1], 0.5 * (low + high) - half, 0.5 * (low + high) + half)
+    return moved
+
+
+class Strips:
+    """Surface of V before walls, in squares.
+
+    Args:
+        heights: m, of level surfaces.
+    """
+
+    def __init__(
+        self, environment: Environment, heights: Sequence[float], footing: SupportSettings
+    ) -> None:
+        self._environment, self._heights = environment, heights
+        self._footing = footing
+
+    def before(
+        self, wall: Wall, reaches: Iterable[Reach], *, too_low: bool = False
+    ) -> list[tuple[Region, Reach]]:
+        """One for each reach, and each height at which surface was measured there.
+
+        Args:
+            too_low: those that would be there if the wall were high enough instead.
+        """
+        low, high = wall.extent[:, 0]
+        found = []
+        for height in self._heights:
+            # Those that touch the wall below its top.
+            wanted = [r for r in reaches if (r.touches > wall.top - height) == too_low]
+            farthest = max((reach.farthest for reach in wanted), default=0.0)
+            squares, middles = self._squares_before(wall, height, farthest)
+            if not len(squares):
+                continue
+            away, along = wall.foot_distance(middles), middles @ wall.rotation[0]
+            for reach in wanted:
+                # at least as wide as a square
+                wider = max(0.5 * (STRIP_M - reach.farthest + reach.nearest), 0.0)
+                own = (away >= reach.nearest - wider) & (away <= reach.farthest + wider)
+                own &= (along >= low + reach.half) & (along <= high - reach.half)
+                rows = np.flatnonzero(own)
+                if len(rows) and not too_low:
+                    rows = rows[self._has_ends(wall, reach, middles[rows])]
+                if not len(rows):
+                    continue
+                strip = Region(squares[rows], height)
+                kept = strip.within(self._environment.volume.section(height))
+                if kept is not None:
+                    found.append((kept, reach))
+        return found
+
+    def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> npt.NDArray[np.bool_]:
+        """(n,) whether surface and wall are there, up to half a square, at both ends of what
+        touches, with the middle of the edge at (n, 3)."""
+        tolerance, margin = self._footing.contact_tolerance, self._footing.edge_margin
+        half = max(reach.half - math.sqrt(0.5) * STRIP_M, 0.0)
+        found = np.ones(len(middles), np.bool_)
+        for end in (-half, half):
+            on = middles + end * wall.rotation[0]
+            found &= self._environment.support.supported(on, tolerance)
+            # The wall at the least, or at the greatest height at which it is touched.
+            touched = np.zeros(len(on), np.bool_)
+            for height in (reach.touches, reach.touches_below):
+                up = (on[:, 2] + height - wall.offset * wall.normal[2]) / wall.rotation[1, 2]
+                against = np.column_stack(
+                    [on @ wall.rotation[0], up, np.full(len(on), wall.offset)]
+                )
+                touched |= wall.support.supported(against, tolerance, margin)
+            found &= touched
+        return found
+
+    def _squares_before(self, wall: Wall, height: float, farthest: float) -> tuple[Array, Array]:
+        """(k, 4) squares with surface up to a distance from a wall, and (k, 3) their middles."""
+        # A box around that in V, from the origin's foot of the wall at the height on.
+        begin = wall.outward * (wall.offset - height * wall.normal[2]) / math.cos(wall.tilt)
+        ends = itertools.product(wall.extent[:, 0], (0.0, farthest))
+        corners = [begin + u * wall.rotation[0, :2] + d * wall.outward for u, d in ends]
+        volume = self._environment.volume
+        low = np.maximum(np.min(corners, axis=0), volume.lower[:2])
+        high = np.minimum(np.max(corners, axis=0), volume.upper[:2])
+        if farthest == 0.0 or (low >= high).any():
+            return np.zeros((0, 4)), np.zeros((0, 3))
+        first = np.floor(low / STRIP_M)
+        count = np.ceil(high / STRIP_M) - first
+        i, j = np.meshgrid(*(np.arange(n) for n in count), indexing="ij")
+        squares = (first + np.column_stack([i.ravel(), j.ravel()])) * STRIP_M
+        # Those that are before the wall and have surface.
+        middles = np.column_stack([squares + 0.5 * STRIP_M, np.full(len(squares), height)])
+        away = wall.foot_distance(middles)
+        rows = np.flatnonzero((away > 0.0) & (away <= farthest + STRIP_M))
+        rows = rows[
+            self._environment.support.supported(middles[rows], self._footing.contact_tolerance)
+        ]
+        squares = squares[rows]
+        return np.hstack([squares, squares + STRIP_M]), middles[rows]
+
+
+def distinct_heights(regions: Iterable[Region]) -> list[float]:
+    """z of level regions, those that are about as high once, of the larger."""
+    found: list[float] = []
+    for region in regions:
+        if region.slope == LEVEL and all(abs(region.z - z) > SAME_LEVEL_M for z in found):
+            found.append(region.z)
+    return found
