@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -31,10 +30,8 @@ _HALVINGS = 14
 """Of a way from a free configuration to a colliding one."""
 _SHOWN = 10
 """Wrong answers that are kept in words."""
-_SMALL = 0.001
-"""m, half of the side of a small box within a link."""
 _TRIES = 2000
-"""Places looked at, of a small box within a component, and of boxes around an arm."""
+"""Places looked at, of boxes around an arm."""
 _AWAY = 0.25
 """m of boxes from the inner half of an arm."""
 
@@ -121,44 +118,6 @@ def compare_answers(
                     wrong += [f"{met} at {q.tolist()}"] if len(wrong) < _SHOWN else []
     counts = called_free, wrongly_free, clear, clear_called_free
     return TriangleAgreement(asked, *counts, tuple(wrong))
-
-
-def small_boxes_inside(
-    moving: MovingArm, files: RobotFiles, rng: np.random.Generator
-) -> tuple[int, list[str]]:
-    """Put a small box deep into each closed component of the arm's links, at the arm's middle.
-
-    Returns:
-        how many were put there, and the links for which the planner called that free.
-    """
-    judge = judge_of(moving, files)
-    q = np.asarray(moving.q_rest)[moving.arm.q_index]
-    judge.place(_joint_positions(moving, q))
-    depth = CollisionSettings().collision_margin + TOLERANCE + 2.0 * _SMALL + _TIES
-    put, missed = 0, []
-    for i, thing in enumerate(judge.things):
-        for part in thing.components if thing.arm_joints else ():
-            low, high = part.low + depth, part.high - depth
-            if not part.closed or (low >= high).any():
-                continue
-            for point in rng.uniform(low, high, (_TRIES, 3)):
-                if part.encloses(point) and _distance_from(thing.shape, point) > depth:
-                    at = judge.placement(i).act(point)
-                    ticks = np.linspace(-_SMALL, _SMALL, 6)
-                    points = at + np.array(np.meshgrid(*[ticks] * 3)).reshape(3, -1).T
-                    box = ObstacleSet.from_points(points, GridSettings(), (at - 0.1, at + 0.1))
-                    put += 1
-                    if ArmCollision(moving, None, box).free(q):
-                        missed.append(thing.link)
-                    break
-    return put, missed
-
-
-def _distance_from(shape: coal.CollisionGeometry, point: Array) -> float:
-    """Distance of a point (3,) from a mesh's triangles."""
-    there, here = coal.Transform3s(np.eye(3), point), coal.Transform3s.Identity()
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    return float(coal.distance(shape, here, coal.Sphere(1e-9), there, request, result))
 
 
 def clutter_around(moving: MovingArm, number: int, rng: np.random.Generator) -> ObstacleSet:

@@ -163,9 +163,6 @@ def _agreement_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     share = total["clear_called_free"] / max(total["clear"], 1)
     shown = f"{100.0 * share:.3f} % of {total['clear']:,}"
     yield "farther than margin and 2 mm, called free", shown, ">= 99.9 %", share >= 0.999
-    missed = sum(len(entry["inside_missed"]) for entry in entries)
-    put = sum(entry["inside"] for entry in entries)
-    yield "small boxes inside closed links, called free", f"{missed} of {put}", "0", not missed
 
 
 _LINES: dict[str, Callable[[Sequence[Entry]], Iterator[RobotLine]]] = {

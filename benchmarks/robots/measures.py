@@ -31,7 +31,6 @@ from benchmarks.robots.agreement import (
     clutter_around,
     compare_answers,
     drawn_configurations,
-    small_boxes_inside,
 )
 from benchmarks.robots.subject import MeasuredRobot, read_measured_robot
 from benchmarks.robots.things import (
@@ -258,9 +257,7 @@ def measure_agreement(subject: MeasuredRobot, count: int) -> Iterator[Entry]:
         moving = MovingArm(subject.robot, arm, subject.q_start)
         obstacles = clutter_around(moving, 20, rng)
         found = compare_answers(moving, files, obstacles, share, rng)
-        put, missed = small_boxes_inside(moving, files, rng)
-        told = {"row": "agreement", "arm": arm.name, **asdict(found)}
-        yield told | {"inside": put, "inside_missed": missed}
+        yield {"row": "agreement", "arm": arm.name, **asdict(found)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

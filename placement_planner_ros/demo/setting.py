@@ -10,25 +10,14 @@ import numpy as np
 import numpy.typing as npt
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Header
 
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.demo.processes import DemoError
-from placement_planner_ros.ros.inputs.point_cloud import message_from_points
-from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.timers import every
 from placement_planner_ros.ros.tools.findings import Findings
 from placement_planner_ros.ros.tools.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check import read_snapshot
-from placement_planner_ros.ros.tools.scene_publisher import (
-    JOINT_STATE_RATE,
-    RELIABLE,
-    ScenePublisher,
-    joint_state_at_rest,
-)
-from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name, table_of_things
 from placement_planner_ros.scenes.yumi import (
@@ -128,10 +117,12 @@ def of_file(file: Path, scene_name: str) -> Setting:
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
+    values = zip(subject.robot.joint_names, subject.q_start.tolist(), strict=True)
+    positions = {name: value for name, value in values if name not in subject.robot.mimics}
     return Setting(
         f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
         shown,
-        lambda: ThingsPublisher(shown, subject),
+        lambda: ScenePublisher(own=(shown, positions, subject.robot.root_link)),
         subject.robot,
         subject.q_start,
         {arm.name: arm for arm in subject.arms},
@@ -140,29 +131,3 @@ def of_file(file: Path, scene_name: str) -> Setting:
         file,
         parameters,
     )
-
-
-class ThingsPublisher(Node):
-    """The scene's surface on `points`, in the planning frame, and the start as joint states."""
-
-    def __init__(self, scene: Scene, subject: Snapshot) -> None:
-        super().__init__("placement_scene")
-        robot = subject.robot
-        self._positions = {
-            name: float(value)
-            for name, value in zip(robot.joint_names, subject.q_start, strict=True)
-            if name not in robot.mimics
-        }
-        self._clouds = self.create_publisher(PointCloud2, "points", RELIABLE)
-        self._cloud = message_from_points(complete_cloud(scene), Header(frame_id=robot.root_link))
-        self._joint_states = self.create_publisher(JointState, "joint_states", 10)
-        every(self, 0.5, self._publish_cloud)
-        every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
-
-    def _publish_cloud(self) -> None:
-        self._cloud.header.stamp = self.get_clock().now().to_msg()
-        self._clouds.publish(self._cloud)
-
-    def _publish_joint_states(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(joint_state_at_rest(self._positions, stamp))

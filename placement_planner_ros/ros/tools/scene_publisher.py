@@ -45,11 +45,19 @@ class ScenePublisher(Node):
     The complete surface goes to `points` in the planning frame; the cameras' views go to
     `<camera>/points`, in the cameras' optical frames.
 
+    Args:
+        own: a scene, joint values by name and the planning frame, instead of what is bundled; the
+            robot's description is not published then.
+
     Raises:
         ParameterError: an unknown scene, object or kind of cloud.
     """
 
-    def __init__(self, overrides: Sequence[Parameter] = ()) -> None:
+    def __init__(
+        self,
+        overrides: Sequence[Parameter] = (),
+        own: tuple[Scene, Mapping[str, float], str] | None = None,
+    ) -> None:
         super().__init__("placement_scene", parameter_overrides=list(overrides))
 
         def given(name: str, default: object, text: str) -> Any:
@@ -64,23 +72,28 @@ class ScenePublisher(Node):
         rate = given("rate", 2.0, "Clouds per second.")
         if type(rate) not in (int, float) or not 0.0 < rate <= 100.0:
             raise ParameterError("rate", rate, "must be above 0 and at most 100 Hz")
-        self._positions, self._at_rest = dict(start_configuration(str(held))), True
-        self._clouds = self._make_clouds(scene_by_name(str(name)), kind)
+        if own is None:
+            own = scene_by_name(str(name)), start_configuration(str(held)), FRAME
+            for topic, file in _DESCRIPTIONS.items():
+                text = share_path("urdf", file).read_text(encoding="utf-8")
+                self.create_publisher(String, topic, LATCHED).publish(String(data=text))
+        scene, positions, frame = own
+        self._positions, self._at_rest = dict(positions), True
+        self._clouds = self._make_clouds(scene, kind, frame)
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
-        for topic, file in _DESCRIPTIONS.items():
-            text = share_path("urdf", file).read_text(encoding="utf-8")
-            self.create_publisher(String, topic, LATCHED).publish(String(data=text))
         every(self, 1.0 / rate, self._publish_clouds)
         every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
-        self.get_logger().info(f"publishing scene {name}, clouds: {kind}")
+        self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
 
     def show(self, positions: Mapping[str, float], at_rest: bool) -> None:
         """Where the joints, by name, are from now on; may be called from any thread."""
         self._positions, self._at_rest = dict(positions), at_rest
 
-    def _make_clouds(self, scene: Scene, kind: object) -> list[tuple[Publisher, PointCloud2]]:
+    def _make_clouds(
+        self, scene: Scene, kind: object, planning_frame: str
+    ) -> list[tuple[Publisher, PointCloud2]]:
         if kind == "complete":
-            seen: dict[str, tuple[str, Any]] = {"points": (FRAME, complete_cloud(scene))}
+            seen: dict[str, tuple[str, Any]] = {"points": (planning_frame, complete_cloud(scene))}
         elif kind == "cameras":
             seen = {
                 f"{cloud.camera.name.removesuffix('_optical_frame')}/points": (

@@ -9,7 +9,6 @@ from benchmarks.robots.agreement import (
     RobotFiles,
     clutter_around,
     compare_answers,
-    small_boxes_inside,
 )
 from benchmarks.robots.triangles import Boxes, TriangleRobot, components, winding_number
 from placement_planner_ros.core.collision.arm import ArmCollision
@@ -220,9 +219,3 @@ class _Wrong:
         answers = self._asked(self._collision, Q)
         answers[::20] = ~answers[::20]
         return answers
-
-
-def test_small_boxes_within_closed_links_collide(files, planner):
-    put, missed = small_boxes_inside(planner, files, np.random.default_rng(0))
-    assert put == 2  # in both Ls; the wall of the tube is too thin, and the sheet holds nothing
-    assert missed == []

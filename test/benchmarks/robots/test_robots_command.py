@@ -20,7 +20,7 @@ from benchmarks.robots.things import (
     outside_boxes,
     table_of,
 )
-from placement_planner_ros.core.errors import ObjectError, ParameterError
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.share import share_path
 
 FILE = """
@@ -59,11 +59,8 @@ def test_what_a_file_gives_is_read(given):
     assert len(subject.vertices) == 4
     vertices, triangles = object_of(subject, OBJECTS[1])
     assert (len(vertices), len(triangles)) == (16, 24)
-    with pytest.raises(ParameterError, match="example-robot-data"):
-        read_measured_robot(file, [packages / "elsewhere"])
-    file.write_text("/**: {ros__parameters: {arms: [left]}}")
     with pytest.raises(ParameterError, match="robot_description"):
-        read_measured_robot(file, [packages])
+        read_measured_robot(file, [packages / "elsewhere"])
 
 
 def test_the_object_is_read_from_its_file(given):
@@ -76,9 +73,6 @@ def test_the_object_is_read_from_its_file(given):
     subject = read_measured_robot(file, [packages])
     assert subject.triangles.shape == (12, 3)
     np.testing.assert_allclose(np.ptp(subject.vertices, axis=0), (0.06, 0.08, 0.1), rtol=1e-5)
-    mesh.write_text("nothing")
-    with pytest.raises(ObjectError, match=r"box\.stl"):
-        read_measured_robot(file, [packages])
     mesh.unlink()
     with pytest.raises(ParameterError, match=r"object\.mesh"):
         read_measured_robot(file, [packages])
@@ -131,8 +125,6 @@ def test_the_table_says_what_is_met():
             wrongly_free=1,
             clear=400,
             clear_called_free=400,
-            inside=3,
-            inside_missed=[],
         ),
     ]
     table = robots_table(entries)
