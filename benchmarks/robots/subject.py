@@ -63,8 +63,8 @@ def read_measured_robot(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> 
         paths += read_given(file, {}, findings).parameters["package_paths"]
         given = read_given(file, {"package_paths": paths}, findings)
         start = start_in(file) or {}
-        snapshot = None if findings.faults else read_snapshot(given, None, findings, start)
-    if snapshot is None:
+        snapshot = findings.attempt(lambda: read_snapshot(given, None, findings, start))
+    if snapshot is None or findings.faults:
         raise ParameterError("file", str(file), "; ".join(findings.faults))
     description = given.parameters["robot_description"]
     urdf, beside = description_text("robot_description", description, Files.below(paths, []))

@@ -111,8 +111,8 @@ def of_file(file: Path, scene_name: str) -> Setting:
         parameters = {name: told[name] for name in told if name not in given.names}
         given = read_given(file, parameters, findings)
         start = {**START_CONFIGURATION, **(start or {})}
-    subject = None if findings.faults else read_snapshot(given, None, findings, start)
-    if subject is None:
+    subject = findings.attempt(lambda: read_snapshot(given, None, findings, start))
+    if subject is None or findings.faults:
         faults = "; ".join(findings.faults)
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
     volume = subject.parameters.volume

@@ -32,7 +32,7 @@ FILE = """
     left: {tip_frame: gripper_l_base, grasps: [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]}
     target_volume: [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
     object:
-      vertices: [0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1]
+      vertices: [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1]
       triangles: [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
 placement_scene:
   ros__parameters:
@@ -59,8 +59,9 @@ def test_what_a_file_gives_is_read(given):
     assert len(subject.vertices) == 4
     vertices, triangles = object_of(subject, OBJECTS[1])
     assert (len(vertices), len(triangles)) == (16, 24)
+    file.write_text(FILE.replace("package://placement_planner_ros/urdf/yumi.urdf", "package://a/b"))
     with pytest.raises(ParameterError, match="robot_description"):
-        read_measured_robot(file, [packages / "elsewhere"])
+        read_measured_robot(file, [packages])
 
 
 def test_the_object_is_read_from_its_file(given):
