@@ -12,8 +12,6 @@ from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.disk_cache import (
     code_digest,
     digest_of,
-    find_result,
-    keep_result,
     stored_result,
 )
 
@@ -121,17 +119,6 @@ def test_where_nothing_can_be_kept_each_is_made_and_that_is_said_once(cache, mon
     (words,) = cache.said
     assert str(cache.folder) in words
     assert "XDG_CACHE_HOME" in words
-
-
-def test_what_was_not_used_for_longest_goes_where_there_is_too_much(cache, monkeypatch):
-    size = 100_000
-    monkeypatch.setattr(disk_cache, "MAX_BYTES", 3.5 * size)
-    for age, key in enumerate("abc"):
-        keep_result(KIND, key, bytes(size))
-        (new,) = (file for file in cache.files if file.stat().st_atime > 1000)
-        os.utime(new, (100 + age if key != "a" else 200,) * 2)  # the first was read since
-    keep_result(KIND, "d", bytes(size))
-    assert [find_result(KIND, key) is not None for key in "abcd"] == [True, False, True, True]
 
 
 def test_what_other_code_made_is_not_found(tmp_path, monkeypatch):

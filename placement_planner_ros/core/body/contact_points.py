@@ -17,10 +17,6 @@ MAX_POINTS = 1024
 """... so that there are no more than so many squares."""
 SPREAD_POINTS = 32
 """Squares at most that each have one of the spread points."""
-WIDENING = 1.1
-"""Times the side of squares, as long as there are too many."""
-MAX_DIVISIONS = 400
-"""Parts at most that the side of a triangle is divided into."""
 SAME_CORNER_M = 1e-6
 """m, corners closer together are one."""
 OUTERMOST_DIRECTIONS = 32
@@ -121,7 +117,7 @@ def _on_triangles(corners: Array) -> Array:
     """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING_M` along their sides."""
     # Into how many parts the sides of each are divided.
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(sides / SPACING_M), 1, MAX_DIVISIONS).astype(np.int64)
+    parts = np.maximum(np.ceil(sides / SPACING_M), 1).astype(np.int64)
     found = [np.zeros((0, 3))]
     for number in np.unique(parts):
         # Triangles that are divided alike, at once.
@@ -146,4 +142,4 @@ def _thinned_rows(points: Array, side: float, most: int) -> Index:
         first = np.unique(number, return_index=True)[1]
         if len(first) <= most:
             return np.unique(np.concatenate([first, outermost]))
-        side *= WIDENING
+        side *= max(1.02, np.sqrt(len(first) / most))

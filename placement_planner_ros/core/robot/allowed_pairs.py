@@ -11,8 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.errors import RobotError, listed
 from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.robot.description import read_xml
 from placement_planner_ros.core.robot.geometry import LinkCover
@@ -48,9 +47,6 @@ _WORDS = {
     "zero": "overlap at the zero pose",
     "start": "overlap where the robot stands",
 }
-
-MAX_NAMED = 20
-"""Unknown links that are warned of one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,18 +133,10 @@ def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
     unknown = sorted((silent | {link for p in given for link in p}) - set(links))
     disabled = {sorted_pair(a, b) for a in silent.intersection(links) for b in links}
     disabled = (disabled - pairs("enable_collisions")) | given
-    warnings = [_unknown_link(link, links) for link in unknown[:MAX_NAMED]]
-    if len(unknown) > MAX_NAMED:
-        warnings.append(f"the SRDF names {len(unknown) - MAX_NAMED} more that the URDF has not")
+    warnings = [f"the SRDF names links that the URDF has not: {listed(unknown)}"] * bool(unknown)
     allowed = frozenset(p for p in disabled if set(p) <= set(links))
     passive = frozenset(e.get("name", "") for e in root.findall("passive_joint"))
     return Semantic(allowed, passive, tuple(warnings))
-
-
-def _unknown_link(link: str, links: tuple[str, ...]) -> str:
-    meant = did_you_mean(link, links)
-    words = "" if meant is None else f"; the nearest is {meant}"
-    return f"the SRDF names link {link!r}, which the URDF has not{words}"
 
 
 def derive_allowed_pairs(

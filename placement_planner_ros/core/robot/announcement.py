@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import Assumed
 from placement_planner_ros.core.robot.model import Robot
-
-MAX_NAMED = 2
-"""Joints of a list that are named at most."""
-
-
-@dataclass(frozen=True, slots=True)
-class SharedJoint:
-    """A joint of an arm that moves other parts of the robot too, as a torso does.
-
-    Attributes:
-        name: of the joint.
-        lower, upper: its limits.
-        unit: of them; '' where it has no end stops.
-        moves: joints it carries that are neither the arm's nor the hand's.
-    """
-
-    name: str
-    lower: float
-    upper: float
-    unit: str
-    moves: tuple[str, ...]
-
-    def __str__(self) -> str:
-        reach = f" ({self.lower:g} to {self.upper:g} {self.unit})" if self.unit else ""
-        more = len(self.moves) - MAX_NAMED
-        named = ", ".join(self.moves[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
-        return f"{self.name}{reach}, which moves {named} too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +19,7 @@ class Announcement:
         arm: its name.
         joints: root to tip.
         derived: whether they were derived, rather than chosen by `<arm>.joints`.
-        shared: those of them that move other parts of the robot too.
+        shared: of those that move other parts of the robot too, as a torso does, which, in words.
         slides: those of them that slide.
         assumed: limits of them that nobody states.
     """
@@ -52,7 +27,7 @@ class Announcement:
     arm: str
     joints: tuple[str, ...]
     derived: bool
-    shared: tuple[SharedJoint, ...]
+    shared: Mapping[str, str]
     slides: tuple[str, ...]
     assumed: tuple[Assumed, ...]
 
@@ -67,12 +42,11 @@ class Announcement:
         """That the arm has joints which its controller may not have, and what to do; '' without."""
         if not self.derived or not self.shared:
             return ""
-        others = {joint.name for joint in self.shared}
-        alone = ", ".join(joint for joint in self.joints if joint not in others)
+        alone = ", ".join(joint for joint in self.joints if joint not in self.shared)
         return (
-            f"arm {self.arm} plans with {'; '.join(map(str, self.shared))}: its trajectories need "
+            f"arm {self.arm} plans with {'; '.join(self.shared.values())}: its trajectories need "
             f"a controller of all {len(self.joints)} joints, often a second one beside the arm's; "
-            f"to leave {'it' if len(others) == 1 else 'them'} where the robot stands, set "
+            f"to leave {'it' if len(self.shared) == 1 else 'them'} where the robot stands, set "
             f"{self.arm}.joints: [{alone}]"
         )
 
@@ -90,7 +64,7 @@ class Announcement:
         if not found:
             return ""
         words = [
-            f"{what} limit {value:g} {unit} of {_named_or_counted(joints)}"
+            f"{what} limit {value:g} {unit} of {listed(joints)}"
             for (what, value, unit), joints in found.items()
         ]
         return (
@@ -115,38 +89,20 @@ def announce_arm(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
     Args:
         derived: whether its joints were derived.
     """
-    model = robot.model
+    model, slides = robot.model, tuple(j for j in arm.joints if _unit_of(robot, j) == "m")
     # What each joint carries beside the arm and its hand.
     ids = [model.getJointId(joint) for joint in arm.joints]
     below = [set(model.subtrees[i]) for i in ids]
-    hand = below[-1]
-    shared = []
-    for k, (joint, carried) in enumerate(zip(arm.joints, below, strict=True)):
-        more = carried - hand - set(ids)
-        others = [str(model.names[i]) for i in sorted(more)]
-        free = tuple(name for name in others if name not in robot.mimics)
-        if free:
-            shared.append(
-                SharedJoint(
-                    joint,
-                    float(arm.lower[k]),
-                    float(arm.upper[k]),
-                    "" if joint in arm.continuous else _unit_of(robot, joint),
-                    free,
-                )
-            )
-    return Announcement(
-        arm.name,
-        arm.joints,
-        derived,
-        tuple(shared),
-        tuple(joint for joint in arm.joints if _unit_of(robot, joint) == "m"),
-        tuple(each for each in robot.assumed if each.joint in arm.joints),
-    )
-
-
-def _named_or_counted(joints: list[str]) -> str:
-    return ", ".join(joints) if len(joints) <= MAX_NAMED else f"{len(joints)} joints"
+    shared = {}
+    for joint, carried, low, high in zip(arm.joints, below, arm.lower, arm.upper, strict=True):
+        others = [str(model.names[i]) for i in sorted(carried - below[-1] - set(ids))]
+        moved = [name for name in others if name not in robot.mimics]
+        if moved:
+            unit = _unit_of(robot, joint)
+            reach = "" if joint in arm.continuous else f" ({low:g} to {high:g} {unit})"
+            shared[joint] = f"{joint}{reach}, which moves {listed(moved)} too"
+    assumed = tuple(each for each in robot.assumed if each.joint in arm.joints)
+    return Announcement(arm.name, arm.joints, derived, shared, slides, assumed)
 
 
 def _unit_of(robot: Robot, joint: str) -> str:

@@ -37,12 +37,6 @@ MAX_TEXT = 5_000_000
 MAX_LINKS = 500
 """Links that a robot may have."""
 
-MAX_JOINTS = 300
-"""Movable joints that a robot may have: what its kinematics need grows with their cube."""
-
-MAX_NAMED = 5
-"""Joints that are named at most."""
-
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
@@ -191,14 +185,8 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
             )
     # What is said of joints must be said of these.
     if strangers := sorted(set(limits) - set(joints)):
-        names = listed(strangers, most=MAX_NAMED)
+        names = listed(strangers)
         warnings.append(f"{FIELD} has limits of {names}, no movable joints of the URDF")
-    if len(joints) > MAX_JOINTS:
-        raise RobotError(
-            "robot_description",
-            f"{len(joints)} movable joints",
-            f"is more than a robot may have, {MAX_JOINTS}; fix those that planning can do without",
-        )
     warnings += _only_drawn(root)
     return Description(root, joints, tuple(warnings))
 
@@ -206,7 +194,7 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
 def _unexpanded_xacro(root: ET.Element) -> list[str]:
     """A sentence on xacro that nobody has expanded, if any: like urdfdom, nobody here reads it."""
     found = sorted({each.tag for each in root.iter() if each.tag.startswith("xacro:")})
-    names = listed([f"<{tag}>" for tag in found], most=MAX_NAMED)
+    names = listed([f"<{tag}>" for tag in found])
     return [f"{names}: ignored; expand the file by xacro where it matters"] if found else []
 
 
@@ -244,7 +232,7 @@ def _only_drawn(root: ET.Element) -> list[str]:
         if link.find("visual") is not None and link.find("collision") is None
     ]
     what = "links with <visual> but no <collision>, which nothing is kept away from"
-    names = listed(drawn, most=MAX_NAMED)
+    names = listed(drawn)
     return [f"{names}: {what}; give them one where they are solid"] if drawn else []
 
 

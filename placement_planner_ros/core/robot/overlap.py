@@ -18,9 +18,6 @@ from placement_planner_ros.core.types import Array, frozen_array
 MAX_PIECES = 32
 """Pieces of a mesh that are looked for inside another one, the largest of them."""
 
-FIRST_STEP_M = 1e-3
-"""Metres that two shapes are drawn apart by at first, to find how deep they overlap."""
-
 DEPTH_RESOLUTION_M = 5e-4
 """Metres that a depth is found to."""
 
@@ -202,7 +199,7 @@ class Overlaps:
             return bounds[0] <= by or any(not self.meet(i, j, T_i, at) for at in moved)
 
         # Further and further until one of them is free, then in between.
-        near, far = 0.0, beyond or FIRST_STEP_M
+        near, far = 0.0, beyond or DEPTH_RESOLUTION_M
         while not free(far):
             near, far = far, 1.5 * far
         if near == 0.0 and beyond > 0.0:

@@ -59,14 +59,6 @@ def test_faces_stand_flat_with_the_reference_vertex_at_the_origin():
             assert (sides > 0).all() or (sides < 0).all()
 
 
-def test_vertices_of_a_box_face_are_its_corners():
-    body = body_of(box(0.144, 0.124, 0.036))
-    for face in body.faces:
-        assert len(face.vertices) == 4
-        assert (np.abs(face.vertices) == np.array([0.072, 0.062, 0.018])).all()
-    assert body.faces[0].area == pytest.approx(0.144 * 0.124)
-
-
 @pytest.mark.parametrize("sections", [16, 24, 64, 200])
 def test_a_cylinder_stands_on_its_ends_only(sections):
     body = body_of(trimesh.creation.cylinder(radius=0.034, height=0.102, sections=sections))
@@ -159,20 +151,6 @@ def test_a_mesh_of_fronts_and_backs_is_the_solid_that_its_fronts_enclose(between
     np.testing.assert_array_equal(made.volume_points, right.volume_points)
 
 
-def test_a_mesh_that_crosses_itself_has_the_mass_of_its_hull_where_its_own_cancels_out():
-    across = np.array([(0, 0), (0.05, 0.05), (0.05, 0), (0, 0.0501)])  # two triangles that meet
-    vertices = np.vstack([np.column_stack([across, np.full(4, z)]) for z in (0.0, 0.04)])
-    sides = [
-        f
-        for k in range(4)
-        for f in ((k, (k + 1) % 4, k + 4), ((k + 1) % 4, (k + 1) % 4 + 4, k + 4))
-    ]
-    ends = [(2, 1, 0), (3, 2, 0), (4, 5, 6), (4, 6, 7)]
-    body = Body.from_mesh(vertices, np.array(sides + ends), cover=lambda v, t, _: hull_cover(v, t))
-    np.testing.assert_allclose(body.center_of_mass[2], 0.02, atol=1e-6)
-    assert (np.abs(body.center_of_mass[:2] - 0.025) < 0.003).all()
-
-
 def test_an_open_mesh_counts_as_a_sheet_and_says_so():
     mesh = box(0.1, 0.06, 0.04)
     body = Body.from_mesh(mesh.vertices, mesh.faces[:-2])
@@ -200,17 +178,6 @@ def test_a_piece_that_is_not_convex_is_what_its_triangles_are():
     np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-9)
 
 
-def test_convex_pieces_stay_what_they_are_beside_others():
-    ring = trimesh.creation.annulus(r_min=0.03, r_max=0.05, height=0.02)
-    cube = box(0.02, 0.02, 0.02).apply_translation([0.2, 0.0, 0.0])
-    body = body_of(trimesh.util.concatenate([ring, cube]))
-    assert len(body.solids) == 1
-    np.testing.assert_allclose(body.solids[0].vertices.mean(axis=0), [0.2, 0.0, 0.0], atol=1e-12)
-    assert len(body.mesh.triangles) == len(ring.faces)
-    for name in ("large_crayons_box", "wine_glass", "toy_table"):
-        assert bundled(name).mesh is None
-
-
 def test_a_bin_of_touching_boxes_is_hollow_also_where_they_share_their_corners():
     walls = [((0.0, 0.0, -0.05), (0.2, 0.2, 0.01))]
     for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -226,13 +193,6 @@ def test_a_bin_of_touching_boxes_is_hollow_also_where_they_share_their_corners()
         inside = (np.abs(body.volume_points) < [0.09, 0.09, 0.04]).all(axis=1)
         assert not inside.any()
         assert not any((part.normals @ np.zeros(3) <= part.offsets).all() for part in body.parts)
-
-
-def test_what_is_too_round_for_a_convex_part_is_covered():
-    ball = body_of(trimesh.creation.icosphere(subdivisions=5, radius=0.05))
-    assert ball.solids == ()
-    assert len(ball.mesh.triangles) == 20480
-    assert len(ball.volume_points) * 0.005**3 == pytest.approx(4.19e-6 * 125, rel=0.05)
 
 
 def test_a_fine_rim_is_taken():
@@ -338,14 +298,6 @@ def test_a_convex_piece_counts_as_such_however_finely_it_is_divided():
         return hull_cover(vertices, triangles)
 
     assert Body.from_mesh(dented, rings.faces, cover=hull).mesh is not None
-
-
-def test_triangles_that_share_no_vertices_are_put_together():
-    soup = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
-    corners = np.asarray(soup.triangles).reshape(-1, 3)
-    body = Body.from_mesh(corners, np.arange(len(corners)).reshape(-1, 3))
-    assert len(body.parts) == 1
-    assert body.warnings == ("the object has no face to stand on",)
 
 
 @pytest.mark.parametrize("odd", [np.nan, np.inf, 1e300])

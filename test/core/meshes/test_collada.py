@@ -92,11 +92,6 @@ def test_nodes_place_what_they_hold(nodes, bounds):
     assert mesh.volume > 0.0
 
 
-def test_a_mirrored_node_faces_outward():
-    mesh = solid(collada(nodes=f"<node><scale>-1 1 2</scale>{PLACED}</node>"))
-    assert mesh.volume == pytest.approx(2.0 * BOX.volume)
-
-
 @pytest.mark.parametrize("axis", ["X_UP", "Y_UP", "Z_UP"])
 def test_the_unit_counts_and_the_up_axis_does_not(axis):
     asset = f'<unit name="inch" meter="0.0254"/><up_axis>{axis}</up_axis>'

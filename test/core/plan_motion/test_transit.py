@@ -5,9 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Goal
 
@@ -154,9 +152,3 @@ def test_a_start_without_reserve_is_left_all_the_same():
     assert np.array_equal(path[0], start)
     assert np.array_equal(path[-1], reached)
     assert all(with_reserve(a, b) for a, b in pairwise(path[1:]))
-
-
-def test_bad_settings_are_named():
-    for name in ("active_goals", "patience", "winding"):
-        with pytest.raises(ParameterError, match=name):
-            TransitSettings(**{name: 0})

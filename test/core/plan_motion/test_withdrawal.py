@@ -7,7 +7,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.plan_motion.withdrawal import straight_way, winding_way
 
 GOAL = np.array([1.0, 0.0])
@@ -99,18 +98,3 @@ def test_a_stop_ends_the_search():
     stopped = winding_way(hand, GOAL[None], np.random.default_rng(0), lambda: not asked.append(1))
     assert stopped is None
     assert len(asked) == 1
-
-
-def test_a_goal_that_resists_gets_a_winding_way():
-    """Behind walls all round none leads further than the corridor's end; the trees hold it."""
-    hand = holding(lambda x, y: in_corridor(x, y) and y <= 0.2 and x > 0.5)
-    motion = MotionPlanner([hand], TransitSettings(winding=50), np.random.default_rng(0))
-    motion.add(SimpleNamespace(arm="arm", grasp=0, q_raised=GOAL, objective=0.0))
-    assert motion.plan(50, lambda: False) is None
-    candidate = motion._trees["arm", 0]._active[0]
-    straight = candidate.branch
-    for _ in range(10):
-        assert motion.plan(50, lambda: False) is None
-    assert np.linalg.norm(candidate.branch[-1] - GOAL) > np.linalg.norm(straight[-1] - GOAL)
-    nodes, _, _ = motion._trees["arm", 0].rrt.trees()
-    assert (nodes == candidate.branch[-1]).all(axis=1).any()

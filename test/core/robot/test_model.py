@@ -201,32 +201,6 @@ def test_mimic_of_a_mimic_is_followed_to_the_end():
 # --- arms ---------------------------------------------------------------------------------------
 
 
-def test_the_joints_that_a_link_hangs_on_are_those_that_others_mimic():
-    robot = Robot.from_urdf(hand_urdf())
-    chain = robot.joints_to("finger_a")
-    assert chain[-1] == "fa"
-    assert robot.joints_to("finger_b") == chain
-    assert robot.joints_to(robot.root_link) == ()
-
-
-def test_a_carried_robot_is_the_same_elsewhere():
-    robot = load_yumi()
-    T = pin.SE3(pin.utils.rotate("y", 0.5), np.array([1.0, 2.0, 3.0]))
-    moved, q = robot.carried(T, "world"), robot.configuration(HOME)
-
-    def shapes(robot):
-        data, placements = robot.model.createData(), robot.geometry.createData()
-        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
-        return np.array([place.homogeneous for place in placements.oMg])
-
-    np.testing.assert_allclose(shapes(moved), T.homogeneous @ shapes(robot), atol=1e-12)
-    for link in ("yumi_body", "gripper_l_base", "yumi_link_3_r"):
-        expected = (T * robot.link_pose(q, link)).homogeneous
-        np.testing.assert_allclose(moved.link_pose(q, link).homogeneous, expected, atol=1e-12)
-    assert moved.root_link == "world"
-    assert len(moved.geometry.collisionPairs) == len(robot.geometry.collisionPairs)
-
-
 def test_a_robot_is_the_same_seen_from_a_link_that_is_fixed_to_its_root():
     floor = joint("floor", "base", "floor", "fixed", "0.1 0.2 -0.3", limit=None)
     text = hand_urdf().replace("</robot>", f"{link('floor')}{floor}</robot>")
@@ -374,21 +348,6 @@ def cube(side: float = 0.1, lid: bool = True) -> str:
     quads += [(2, 6, 8, 4)] if lid else []
     lines = [f"v {x} {y} {z}" for x, y, z in corners]
     return "\n".join(lines + [f"f {a} {b} {c}\nf {a} {c} {d}" for a, b, c, d in quads])
-
-
-@pytest.mark.parametrize(
-    ("shape", "kind"),
-    [
-        ('<box size="1 2 3"/>', coal.Box),
-        ('<sphere radius="0.1"/>', coal.Sphere),
-        ('<cylinder radius="0.1" length="0.2"/>', coal.Cylinder),
-        ('<capsule radius="0.1" length="0.2"/>', coal.Capsule),
-    ],
-)
-def test_primitives_stay_primitives(shape, kind):
-    robot = Robot.from_urdf(with_geometry(shape))
-    assert isinstance(robot.geometry.geometryObjects[0].geometry, kind)
-    assert robot.geometry_links == ("thing",)
 
 
 @pytest.mark.parametrize(("lid", "kind"), [(True, coal.Convex), (False, coal.BVHModelOBBRSS)])

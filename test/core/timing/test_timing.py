@@ -16,7 +16,6 @@ from placement_planner_ros.core.timing.timing import (
     evaluate_trajectory,
     parameterize_path,
 )
-from placement_planner_ros.core.types import Trajectory
 
 JOINTS = ("a", "b")
 VELOCITY = np.array([1.0, 2.0])
@@ -209,17 +208,6 @@ def test_repeated_waypoints_and_paths_that_do_not_move():
         assert trajectory.duration == 0.0
 
 
-def test_tiny_and_dense_paths():
-    tiny = np.array([[0.3, 0.3], [0.3 + 1e-7, 0.3]])
-    trajectory = parameterize_path(tiny, JOINTS, LIMITS, always)
-    assert_sound(trajectory, tiny, VELOCITY, ACCELERATION, 1e-9)
-    x = np.linspace(0.0, 0.5, 60)
-    dense = np.stack([x, 0.2 * np.sin(3.0 * x)], axis=1)
-    trajectory = parameterize_path(dense, JOINTS, LIMITS, always)
-    assert_sound(trajectory, dense, VELOCITY, ACCELERATION, 1e-3)
-    assert trajectory.duration < 1.0, "no stops on a smooth line"
-
-
 def test_evaluate_is_the_quintic_and_stands_still_outside():
     path = random_path(np.random.default_rng(0), 2, 5, 1.0)
     trajectory = parameterize_path(path, JOINTS, LIMITS, always)
@@ -252,19 +240,6 @@ def test_concatenate_keeps_both_curves():
     still = parameterize_path(path[[2]], JOINTS, LIMITS, always)
     np.testing.assert_array_equal(concatenate_trajectories(first, still).times, first.times)
     np.testing.assert_array_equal(concatenate_trajectories(still, second).times, second.times)
-
-
-def test_concatenate_refuses_what_does_not_meet():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    first = parameterize_path(path[:2], JOINTS, LIMITS, always)
-    with pytest.raises(ParameterError, match="positions"):
-        concatenate_trajectories(first, first)
-    other = Trajectory(("b", "a"), np.zeros(1), path[[1]], np.zeros((1, 2)), np.zeros((1, 2)))
-    with pytest.raises(ParameterError, match="joints"):
-        concatenate_trajectories(first, other)
-    moving = Trajectory(JOINTS, np.zeros(1), path[[1]], np.ones((1, 2)), np.zeros((1, 2)))
-    with pytest.raises(ParameterError, match="velocities"):
-        concatenate_trajectories(first, moving)
 
 
 def test_stop_gives_none():
