@@ -258,3 +258,16 @@ def test_only_what_an_arm_or_a_sensor_hangs_on_must_be_at_rest(bench):
     assert answer.code == "ROBOT_MOVING"
     assert "bend" in answer.text
     assert "pan" not in answer.text
+
+
+def test_a_passive_joint_that_nobody_publishes_is_no_reason_to_refuse(bench):
+    """As the caster of a base: the SRDF says that nothing drives it, and no driver tells of it."""
+    srdf = '<robot name="tower"><passive_joint name="pan"/></robot>'
+    b = bench(**TOWER, robot_description_semantic=srdf)
+    stand(b, pan=None)
+    answer = b.call("start")
+    assert answer.code == "OK", answer.text
+    b.wait(lambda: b.snapshots)
+    (snapshot,) = b.snapshots
+    assert "pan" not in snapshot.joints
+    assert b.node._reporter.left_start(b.node._commands.run) == ""

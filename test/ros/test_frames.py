@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, TransformStamped
+from helpers.fakes import TABLE
 from rclpy.duration import Duration
 
 from placement_planner_ros.ros.inputs.transforms import SET_BACK, Transforms
@@ -109,3 +110,25 @@ def test_without_tf2_nothing_is_known(monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert Transforms(None).pose("a", "b") is None
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "sent"),
+    [
+        (f"cell/{ROOT}", "camera", "camera"),  # hung onto the robot by a static transform
+        (f"cell/{ROOT}", "cell/camera", "cell/camera"),  # of the description, all prefixed
+        (f"cell/{ROOT}", "cell/camera", "camera"),
+        (ROOT, "camera", "cell/camera"),
+    ],
+)
+def test_a_node_takes_the_prefix_off_the_frames_of_clouds_and_of_tf(
+    tf2, bench, target, source, sent
+):
+    b = bench(frame_prefix="cell/")
+    Buffer.made.known[target, source] = T = turned(0.3, 0.2)
+    inputs = b.node._inputs
+    own = (TABLE - T.translation) @ T.rotation
+    b.wait(lambda: inputs.clouds.updates > 0, again=lambda: b.cloud(own, sent))
+    np.testing.assert_allclose(inputs.clouds.latest()["points"].points, TABLE, atol=1e-6)
+    b.wait(lambda: b.call("start").success, again=b.joint_state)
+    b.call("stop")

@@ -3,8 +3,10 @@
 import xml.etree.ElementTree as ET
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
+from helpers import few_joints
 
 from placement_planner_ros.core.robot.allowed_pairs import read_srdf
 from placement_planner_ros.ros.tools import robot_check
@@ -282,3 +284,24 @@ def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_pat
     main(["--params-file", str(tmp_path / "tea.yaml")])
     said = faults(capsys.readouterr().out)
     assert "left.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]: the open hand leaves" in said
+
+
+@pytest.mark.parametrize("name", ["gantry", "gantry yaw"])
+def test_a_gantry_on_rails_of_12_m_could_plan(name, tmp_path):
+    trimesh.creation.box(few_joints.SIZE).export(tmp_path / "box.stl")
+    (tmp_path / "robot.urdf").write_text(few_joints.urdf_of(name))
+    volume = few_joints.table().volume
+    file = parameters(
+        tmp_path,
+        **{
+            "arm.tip_frame": "tip",
+            "arm.grasps": str(pin.SE3ToXYZQUAT(few_joints.FROM_ABOVE).tolist()),
+            "arm.gripper_joints": "[finger]",
+            "arm.gripper_open": "[0.045]",
+            "target_volume": str([*volume.lower.tolist(), *volume.upper.tolist()]),
+        },
+    )
+    free = ("rail", "across", "down", "finger", *(("roll",) if name == "gantry yaw" else ()))
+    start = dict.fromkeys(free, 0.0) | few_joints.start_of(name)
+    (tmp_path / "start.yaml").write_text(str(start))
+    assert main(["--params-file", str(file), "--joints", str(tmp_path / "start.yaml")]) == 0

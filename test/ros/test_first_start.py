@@ -1,0 +1,90 @@
+"""The first start after `warm` is like the second, for a robot that is not bundled, too."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from placement_planner_ros.ros.inputs.resources import package_share
+
+ROOT = Path(__file__).parents[2]
+# In a process of its own, as the other tests call kernels too.
+PROGRAM = """
+import time
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from numba.core import event
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.node import PlacementPlannerNode
+from placement_planner_ros.ros.tools.findings import Findings
+from placement_planner_ros.ros.tools.given import read_given, start_in
+
+made = []
+
+
+class Compiled(event.Listener):
+    def on_start(self, told):
+        made.append(told.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, told):
+        pass
+
+
+cover = MeshProcess.cover
+
+
+def covered(self, vertices, *rest):
+    made.append(f"a cover of {len(vertices)} vertices")
+    return cover(self, vertices, *rest)
+
+
+event.register("numba:compile", Compiled())
+MeshProcess.cover = covered
+rclpy.init()
+file = Path("config/robots/panda.yaml")
+given = read_given(file, {}, Findings())
+names = {name: given.parameters[name] for name in given.names if name in given.parameters.specs}
+node = PlacementPlannerNode(overrides=[Parameter(n, value=v) for n, v in names.items() if v != []])
+robot = node._inputs.robot.robot
+start = dict.fromkeys(robot.joint_names, 0.0) | start_in(file)
+node._inputs.take_joint_state(
+    JointState(name=list(start), position=[float(value) for value in start.values()])
+)
+low, high = given.parameters.volume.lower, given.parameters.volume.upper
+x, y = np.mgrid[low[0] : high[0] : 0.005, low[1] : high[1] : 0.005].reshape(2, -1)
+cloud = np.column_stack([x, y, np.full(len(x), low[2] + 0.03)])
+message = message_from_points(cloud, Header(frame_id=robot.root_link))
+node._inputs.take_cloud("points", message, node._settings.current)
+node.warm_up()
+assert node._warm.shown == "true", node._warm.failure
+made.clear()
+assert node._commands.start([Parameter("joint_state_timeout", value=3600.0)]).success
+run = node._commands.run
+while run.active and not run.solutions:
+    time.sleep(0.05)
+print("placed" if run.solutions else run.summary())
+node._commands.stop()
+print(*made, sep="; ")
+node.close()
+rclpy.shutdown()
+"""
+
+
+def test_after_warm_nothing_is_compiled_and_nothing_covered():
+    try:
+        package_share("example-robot-data")
+    except FileNotFoundError:
+        pytest.skip("example-robot-data is missing: pip install '.[robots]'")
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-2:] == ["placed", ""], done.stdout
