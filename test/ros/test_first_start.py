@@ -66,7 +66,9 @@ node._inputs.take_cloud("points", message, node._settings.current)
 node.warm_up()
 assert node._warm.shown == "true", node._warm.failure
 made.clear()
-assert node._commands.start([Parameter("joint_state_timeout", value=3600.0)]).success
+patient = {"joint_state_timeout": 3600.0, "cloud.max_age": 0.0}
+answer = node._commands.start([Parameter(name, value=value) for name, value in patient.items()])
+assert answer.success, answer.text
 run = node._commands.run
 while run.active and not run.solutions:
     time.sleep(0.05)

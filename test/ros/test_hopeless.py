@@ -105,6 +105,10 @@ def untilted(inputs, words):
     return inputs.but(sensor_poses__camera=pose(turned((-y, x, 0.0), angle)))
 
 
+def leaning_more(inputs, words):
+    return inputs.but(object__up_tolerance=number(r"up_tolerance: raise it to ([\d.]+)", words))
+
+
 def in_metres(inputs, _):
     return replace(inputs, points=inputs.points / 1000.0)
 
@@ -389,6 +393,47 @@ SITUATIONS = {
         with_parameters(target_volume=[0.3, 0.35, 0.05, 0.5, 0.55, 0.15]),
         "had no free straight way down onto the support",
     ),
+    "an edge margin too wide": Situation(
+        Inputs(
+            {"edge_margin": 0.06, "target_volume": [0.3, 0.05, -0.05, 0.5, 0.25, 0.15]},
+            level((0.335, 0.465), (0.085, 0.215), 0.0),
+        ),
+        "UNSUPPORTED",
+        "edge_margin",
+        with_parameters(edge_margin=0.003),
+        "0.06 m is set, 0.003 m is usual",
+    ),
+    "cells too coarse": Situation(
+        Inputs(
+            {"cloud.cell_size": 0.08, "target_volume": [0.36, -0.1, -0.05, 0.55, 0.3, 0.05]},
+            np.concatenate([TABLE, POSTS]),
+        ),
+        "NO_REGION",
+        "cloud.cell_size",
+        with_parameters(cloud__cell_size=0.01),
+        "0.08 m is set, 0.01 m is usual",
+    ),
+    "a side up that no rest has": Situation(
+        Inputs({"object.up": [0.3, 0.5, 1.0], "object.up_tolerance": 0.05}),
+        "NO_FACE",
+        "object.up_tolerance",
+        leaning_more,
+        "object.up leans by",
+    ),
+    "a front that is upright where the other side is up": Situation(
+        Inputs({"object.up": [0.0, 0.0, 1.0], "object.front": [0.0, 0.0, 1.0]}),
+        "NO_FACE",
+        "object.front",
+        with_parameters(object__front=[]),
+        "only together",
+    ),
+    "a hand too narrow for the object": Situation(
+        Inputs({**block(0.062, 0.062, 0.05), "left.grasps": poses(FROM_ABOVE)}),
+        "BAD_GRASP",
+        "left.grasps",
+        with_parameters(**{n.replace(".", "__"): v for n, v in block(0.03, 0.03, 0.05).items()}),
+        "the open hand",
+    ),
     "no time": Situation(
         Inputs({"time_limit": 1e-5}),
         "NO_SOLUTION",
@@ -479,6 +524,10 @@ BASE = {
     "object.vertices": HELD.vertices.ravel().tolist(),
     "object.triangles": HELD.triangles.ravel().tolist(),
     "object.scale": 1.0,
+    "object.up": [],
+    "object.up_tolerance": 0.17,
+    "object.front": [],
+    "edge_margin": 0.003,
     "sensor_poses.camera": [],
     "unknown_space": "free",
     "self_filter.enabled": True,

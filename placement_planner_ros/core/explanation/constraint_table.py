@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from placement_planner_ros.core.explanation.explanation import Remedy
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict
 
@@ -29,7 +30,7 @@ class ConstraintRow:
     inputs: tuple[tuple[str, str], ...]
 
 
-_ROOM = ("unknown_space", "collision_margin")
+_ROOM = ("unknown_space", "collision_margin", "cloud.cell_size")
 _ASKED = ("keep_out", "object.front", "object.up", "carry.max_tilt", "require_terms")
 _GRASPS = ("<arm>.grasps", "give further ones")
 _MORE_ROOM = ("target_volume", "choose one with more room beside and above what stands there")
@@ -115,20 +116,22 @@ def demands(search: Search) -> dict[str, str]:
     milder one, in words."""
     told: dict[str, str] = {}
     grasp, usual, footing = search.settings, GraspSettings(), search.poses.footing
+    environment = search.problem.environment
     lengths = (
         ("collision_margin", grasp.collision, usual.collision),
         ("approach_distance", grasp.approach, usual.approach),
         ("retreat_distance", grasp.retreat, usual.retreat),
         ("edge_margin", footing, search.usual_support),
         ("support_margin", footing, search.usual_support),
+        ("cloud.cell_size", environment.measured, GridSettings()),
     )
     for name, asked, default in lengths:
-        value, milder = getattr(asked, name), getattr(default, name)
+        field = name.removeprefix("cloud.")
+        value, milder = getattr(asked, field), getattr(default, field)
         if value > milder:
             told[name] = f"lower it: {value:g} m is set, {milder:g} m is usual"
     if footing.contacts != search.usual_support.contacts:
         told["friction"] = f"raise it, if surfaces are rougher: {footing.friction:g} is set"
-    environment = search.problem.environment
     scatter = environment.measured.noise
     if scatter > footing.contact_tolerance:
         told["contact_tolerance"] = (

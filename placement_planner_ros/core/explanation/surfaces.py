@@ -8,6 +8,7 @@ import numpy as np
 
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.core.types import Array, steepness
@@ -119,10 +120,13 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
             (Remedy("target_volume", "move it over what was measured"), _ALIGN),
             (span,),
         )
+    size, usual = environment.measured.cell_size, GridSettings().cell_size
+    finer = Remedy("cloud.cell_size", f"lower it: {size:g} m is set, {usual:g} m is usual")
     return Explanation(
         f"{_HEAD}: nothing in target_volume is level, measured without holes, larger than "
         f"{1e4 * settings.min_area:g} cm² and free for {settings.headroom:g} m above it",
         (
+            *((finer,) if size > usual else ()),
             Remedy("target_volume", "choose one with a level surface in it"),
             Remedy("cloud_topics", "name a denser cloud, if ~/occupancy shows holes there"),
             _ALIGN,
