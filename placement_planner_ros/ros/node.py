@@ -104,12 +104,10 @@ class PlacementPlannerNode(ParameterNode):
             self._reporter,
             self._warm,
         )
-        topics = list(dict.fromkeys(["points", *extra]))
         self._reception = Reception(
             self,
             self._inputs,
             self._settings,
-            topics,
             self._end_where_robot_moved,
             self._log,
             self.calls,

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
 from helpers.fakes import FRAME, TABLE, Bench
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -19,13 +18,10 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState, PointField
-from shape_msgs.msg import Mesh, MeshTriangle
+from sensor_msgs.msg import PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
-from placement_planner_ros.scenes.yumi import HOME
 
 CODES = re.findall(
     r"\w+",
@@ -186,21 +182,6 @@ def test_any_parameters_of_a_run(world, data):
 
 @often
 @given(st.data())
-def test_any_parameters_of_the_other_services(world, data):
-    service = data.draw(st.sampled_from(["stop_with", "confirm_placed_with", "remove_placed"]))
-    number = st.integers(0, 3).map(lambda n: ParameterValue(type=2, integer_value=n))
-    own = [
-        ParameterMessage(name=name, value=data.draw(number | values()))
-        for name in data.draw(st.lists(st.sampled_from(["run", "solution", "pose"]), max_size=4))
-    ]
-    response = world.request(
-        SetParametersAtomically, service, own + data.draw(st.just([]) | parameters(world.specs))
-    )
-    world.answered(response.result.reason)
-
-
-@often
-@given(st.data())
 def test_any_parameters_that_are_set(world, data):
     given_ = data.draw(parameters(world.specs))
     if data.draw(st.booleans()):
@@ -217,32 +198,6 @@ def test_any_parameters_that_are_set(world, data):
 
 
 def test_after_all_that_was_set_it_plans(world):
-    world.still_plans()
-
-
-@often
-@given(
-    st.builds(
-        JointState,
-        header=st.builds(Header, stamp=STAMPS, frame_id=TEXTS),
-        name=st.lists(st.sampled_from(sorted(HOME)) | TEXTS, max_size=20),
-        position=st.lists(NUMBERS, max_size=20),
-        velocity=st.lists(NUMBERS, max_size=20),
-        effort=st.lists(NUMBERS, max_size=20),
-    ),
-    st.booleans(),
-    STAMPS,
-)
-def test_any_joint_state(world, message, fits, stamp):
-    if fits:
-        message.position = [*message.position, *([0.1] * 20)][: len(message.name)]
-    world.bench.node._reception._take_joint_states(message)
-    cloud = message_from_points(TABLE[:9], Header(frame_id="gripper_l_base", stamp=stamp))
-    world.bench.node._reception._take_cloud("points", cloud)
-    world.answered(world.bench.call("start").text)
-
-
-def test_after_all_joint_states_it_plans(world):
     world.still_plans()
 
 
@@ -295,39 +250,4 @@ def test_any_cloud(world, message, mode):
 
 def test_after_all_clouds_it_plans(world):
     assert world.bench.call("clear_environment").code == "OK"
-    world.still_plans()
-
-
-@st.composite
-def objects(draw):
-    """A tetrahedron of which a few parts are something else."""
-    corners = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)]
-    triangles = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-    number, index = st.floats(-0.2, 0.2) | NUMBERS, st.integers(0, 5) | UINT32
-    for things, odd in ((corners, number), (triangles, index)):
-        for _ in range(draw(st.integers(0, 2))):
-            change, i = draw(st.integers(0, 5)), draw(st.integers(0, 3))
-            if change == 0:
-                del things[i:]
-            elif change == 1:
-                things.append(draw(st.tuples(odd, odd, odd)))
-            elif i < len(things):
-                things[i] = (*things[i][:2], draw(odd))
-    return Mesh(
-        vertices=[Point(x=x, y=y, z=z) for x, y, z in corners],
-        triangles=[MeshTriangle(vertex_indices=np.array(t, np.uint32)) for t in triangles],
-    )
-
-
-@often
-@given(objects())
-def test_any_object(world, message):
-    b = world.bench
-    b.node._reception._take_object(serialize_message(message))
-    b.node._inputs.object.wait(60.0)
-    b.joint_state()
-    world.answered(b.call("start").text)
-
-
-def test_after_all_objects_it_plans(world):
     world.still_plans()

@@ -9,14 +9,10 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import yaml
 from rclpy.parameter import Parameter
-from std_msgs.msg import Header
 
-from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.ros.outputs.markers import placement_markers, scene_markers
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.tools import scene_publisher
 from placement_planner_ros.ros.tools.scene_publisher import FRAME, ScenePublisher
@@ -142,19 +138,6 @@ def test_the_node_is_told_of_the_scene_with_files_that_are_there(scene, clouds, 
     assert ("cloud_topics" in told) == (clouds == "cameras")
 
 
-def test_rviz_is_told_where_the_cameras_are(launch):
-    path = ROOT / "launch" / "planner_and_scene_rviz.launch.py"
-    nodes = of_kind(described(path, CONTEXT), "Node")
-    frames = [
-        node.named["arguments"][-1]
-        for node in nodes
-        if node.named["executable"] == "static_transform_publisher"
-    ]
-    assert frames == ["camera_left_optical_frame", "camera_right_optical_frame"]
-    without = of_kind(described(path, {**CONTEXT, "clouds": "complete"}), "Node")
-    assert len(without) == len(nodes) - 2
-
-
 def published_by_the_node():
     topics = {}
 
@@ -197,28 +180,3 @@ def test_rviz_shows_all_that_is_published_and_nothing_else(ros, monkeypatch):
             shown[topic["Value"]] = display["Class"]
     assert shown == wanted
     assert RVIZ["Visualization Manager"]["Global Options"]["Fixed Frame"] == FRAME
-
-
-def test_rviz_asks_for_what_was_published_before_where_it_is_latched():
-    for display in RVIZ["Visualization Manager"]["Displays"]:
-        topic = display.get("Topic") or display.get("Description Topic")
-        if topic is not None:
-            latched = topic["Value"].startswith(("/placement_planner", "/robot_description"))
-            expected = "Transient Local" if latched else "Volatile"
-            assert topic["Durability Policy"] == expected, topic["Value"]
-
-
-def test_rviz_lists_every_namespace_of_the_markers():
-    """One that is not listed is shown, too, but nobody who reads the file knows of it."""
-    box = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
-    volume = TargetVolume(*box)
-    body = SimpleNamespace(vertices=np.eye(3), triangles=np.array([[0, 1, 2]]))
-    header = Header(frame_id=FRAME)
-    drawn = scene_markers(header, volume, box[None], [], [np.eye(3)])
-    drawn += placement_markers(header, body, pin.SE3.Identity(), box, None)
-    (display,) = (
-        each
-        for each in RVIZ["Visualization Manager"]["Displays"]
-        if each["Class"] == SHOWN_AS["MarkerArray"]
-    )
-    assert display["Namespaces"] == {marker.ns: True for marker in drawn}

@@ -76,13 +76,6 @@ def test_a_traceback_is_said_once(log, lines):
     assert "as before: ZeroDivisionError" in lines.words[-1]
 
 
-def test_words_that_rclpy_would_not_take_are_said_all_the_same(log, lines):
-    for say in (log.event, log.warn, log.failure):
-        say("caf\udce9 \0")
-    log.repeats("cloud refused", "caf\udce9")
-    assert lines.words == ["caf? ?"] * 3 + ["cloud refused: caf?"]
-
-
 @pytest.fixture
 def told(bench):
     """A node with inputs, and what it says from now on."""
@@ -130,21 +123,6 @@ def test_the_node_says_what_a_person_wants_to_know_and_no_more(told):
     assert len(lines.words) == len(beginnings), lines.words
     for words, beginning in zip(lines.words, beginnings, strict=True):
         assert words.startswith(beginning)
-
-
-def test_a_run_that_fails_says_so_once_with_its_traceback(told):
-    b, lines = told()
-
-    def preparing(_):
-        raise ZeroDivisionError("surprise")
-
-    b.preparing = preparing
-    for _ in range(2):
-        b.feed()
-        assert b.call("start").success
-        b.wait(lambda: not b.node._commands.busy)
-    assert sum("Traceback" in words for words in lines.words) == 1
-    assert sum("ended, failed, code INTERNAL" in words for words in lines.words) == 2
 
 
 def test_bad_messages_are_told_once_a_second_whatever_differs_in_them(told):

@@ -116,29 +116,6 @@ def test_a_new_run_withdraws_the_results_of_the_old(bench):
     assert stamps == sorted(set(stamps))
 
 
-def test_start_answers_while_preparation_takes_its_time(bench):
-    b, go_on = bench(), threading.Event()
-    b.feed()
-    b.preparing = lambda _: go_on.wait(120.0)
-    assert b.call("start").success
-    b.wait(lambda: b.status().get("state") == "preparing")
-    go_on.set()
-    b.wait(lambda: b.status()["state"] == "searching")
-
-
-def test_stop_after_the_end_still_tells_what_was_found(bench):
-    b = bench()
-    planner = started(b)
-    planner.offers.append(0.3)
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    planner.exhausted = "every branch was searched"
-    planner.done.set()
-    b.wait(lambda: b.status()["state"] == "exhausted")
-    answer = b.call("stop")
-    assert answer.success
-    assert (answer.code, answer.run, answer.solution) == ("NOT_RUNNING", "1", "1")
-
-
 def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(bench):
     b = bench()
     planner = started(b)
@@ -202,14 +179,6 @@ def test_a_worker_that_hangs_is_reported_and_publishes_nothing_more(bench):
     assert b.manifests()[-1]["solution"] == "0"
     b.feed()
     assert b.call("start").run == "2"
-
-
-def test_a_twitch_within_the_tolerance_does_not(bench):
-    b = bench()
-    started(b, start_tolerance=0.5)
-    b.joint_state(yumi_joint_5_l=0.3)
-    b.wait(lambda: b.node._inputs.joints.positions()["yumi_joint_5_l"] == 0.3)
-    assert b.node._commands.run.active
 
 
 def test_start_with_changes_parameters_for_one_run(bench):
@@ -301,14 +270,6 @@ def test_what_the_robot_lacks_and_what_is_no_object_is_refused_when_set(bench, t
     assert b.call("start").success
 
 
-def test_the_obstacle_set_covers_what_was_seen_and_no_more(bench):
-    b = bench()
-    started(b, target_volume=[5.0, 5.0, 5.0, 9.0, 9.0, 9.0])
-    stray = np.vstack([TABLE, [[50.0, 0.0, 0.0]]])
-    made = Surroundings.of(seen(b.snapshots[-1], clouds=(stray,))).environment()
-    assert np.prod(made.obstacles.shape) < 3 * (len(TABLE) / 4) * 6
-
-
 def test_inputs_that_are_wrong_are_told_apart(bench):
     b = bench()
     b.feed()
@@ -320,19 +281,6 @@ def test_inputs_that_are_wrong_are_told_apart(bench):
     b.cloud(frame="camera_nobody_knows")
     b.wait(lambda: "camera_nobody_knows" in b.call("start").text)
     b.wait(lambda: "JOINTS_STALE" in b.call("start_with", joint_state_timeout=0.05).text)
-
-
-def test_an_old_stamp_makes_a_cloud_stale(bench):
-    b = bench()
-    b.feed()
-    stamp = b.node.get_clock().now().to_msg()
-    stamp.sec -= 100
-    updates = b.node._inputs.clouds.updates
-    b.cloud(stamp=stamp)
-    b.wait(lambda: b.node._inputs.clouds.updates > updates)
-    b.joint_state()
-    assert b.call("start_with", cloud__max_age=50.0).code == "CLOUD_STALE"
-    assert b.call("start_with", cloud__max_age=0).success
 
 
 def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
@@ -406,47 +354,6 @@ def test_reliability_follows_the_publishers(bench):
     b.feed()
 
 
-def test_a_cloud_in_the_frame_of_a_link_follows_the_robot(bench):
-    b = bench()
-    b.feed()
-    updates = b.node._inputs.clouds.updates
-    b.cloud([[0.0, 0.0, 0.2]], frame="gripper_l_base")
-    b.wait(lambda: b.node._inputs.clouds.updates > updates)
-    robot = b.node._inputs.robot.robot
-    q = robot.configuration(b.node._inputs.joints.positions())
-    expected = robot.link_pose(q, "gripper_l_base").act(np.array([0.0, 0.0, 0.2]))
-    got = np.vstack([c.points for c in b.node._inputs.clouds.latest().values()])
-    np.testing.assert_allclose(got[-1], expected, atol=1e-6)
-
-
-def test_a_newer_cloud_that_cuts_through_the_best_is_told(bench):
-    b = bench()
-    planner = started(b)
-    planner.offers.append(0.1)
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    b.wait(lambda: b.status().get("best_valid") == "true", again=b.joint_state)
-    robot, snapshot = b.node._inputs.robot.robot, b.snapshots[-1]
-    q = robot.with_positions(
-        snapshot.q_start,
-        dict(
-            zip(
-                b.messages("trajectory")[-1].joint_names,
-                b.messages("trajectory")[-1].points[-1].positions,
-                strict=True,
-            )
-        ),
-    )
-    tip = robot.link_pose(q, "gripper_l_base")
-    held = tip * snapshot.arms[0].grasps[0]
-    # A block around where the object ends, seen only now; where it is held now it is filtered.
-    rng = np.random.default_rng(0)
-    stray = np.full((10, 3), 1e6)
-    block = np.array([held.act(p) for p in rng.uniform(-0.06, 0.06, (4000, 3))])
-    b.cloud(np.vstack([TABLE, block, stray]))
-    b.wait(lambda: "a newer cloud cuts through it" in b.status()["best_invalid_reason"])
-    assert b.status()["best_valid"] == "false"
-
-
 def test_a_confirmed_object_is_not_filtered_as_held(bench):
     b = bench()
     started(b)
@@ -490,17 +397,6 @@ def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
     b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=b.feed)
     b.wait(lambda: b.status().get("warm") == "true")
     assert b.node._preparation._made is not None
-
-
-def test_what_takes_long_to_prepare_does_not_hold_up_that_all_is_warm(bench, monkeypatch):
-    go_on = threading.Event()
-    monkeypatch.setattr(node_module, "START_UP_PATIENCE_S", 0.01)
-    b = bench(warm=False)
-    monkeypatch.setattr(b.node._preparation, "look", lambda: go_on.wait(60.0))
-    b.node.warm_up()
-    b.wait(lambda: b.status().get("warm") == "true")
-    assert not go_on.is_set()
-    go_on.set()
 
 
 def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):

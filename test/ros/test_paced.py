@@ -49,14 +49,3 @@ def test_each_has_its_turn_however_long_a_cloud_takes(clouds, seconds):
             taken[topic] += 1
     assert min(taken.values()) >= 1
     assert max(taken.values()) <= min(taken.values()) + 1
-
-
-def test_a_topic_that_is_silent_does_not_slow_the_others(clouds):
-    take, now = clouds
-    assert all(take(topic) for topic in TOPICS)
-    now[0] += 2.0 * APART_S
-    assert not any(take(topic) for topic in TOPICS)
-    now[0] += 1.0
-    assert take("front")
-    now[0] += 1.1 * APART_S
-    assert take("front")

@@ -11,7 +11,6 @@ from helpers.fakes import TABLE
 from helpers.scans import bowl as scanned_bowl
 from helpers.scans import finer, noisy
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
 
@@ -212,28 +211,6 @@ def test_the_object_of_one_call_is_read_by_that_call(bench, slow, tmp_path):
     assert np.ptp(b.snapshots[-1].body.vertices, axis=0).max() == pytest.approx(0.1)
 
 
-def test_a_body_is_made_once_for_one_content(bench, monkeypatch):
-    b = bench()
-    b.feed()
-    made, original, go_on = [], Body.from_mesh, threading.Event()
-
-    def counted(*args, **options):
-        made.append(threading.current_thread().name)
-        go_on.wait(120.0)
-        return original(*args, **options)
-
-    monkeypatch.setattr(Body, "from_mesh", counted)
-    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
-    for _ in range(3):
-        publisher.publish(message(BOX))
-        b.call("start")
-        b.call("stop")
-    go_on.set()
-    b.wait(lambda: b.status()["object"] == "ready" and made)
-    assert settled(b) == "OK"
-    assert made == ["reading"]
-
-
 def test_an_object_that_is_none_is_bad_until_a_good_one_comes(bench, tmp_path):
     b = bench(file_roots=[str(tmp_path)])
     b.feed()
@@ -353,15 +330,6 @@ def test_files_named_later_are_read_only_where_the_operator_said(bench, tmp_path
         assert answer.code == "BAD_ROBOT"
         reasons.append(answer.text.replace(file, "*"))
     assert reasons[0] == reasons[1]
-
-
-def test_only_joints_of_the_robot_are_kept(bench):
-    b = bench()
-    b.feed()
-    known = set(b.node._inputs.joints.positions())
-    names = [f"joint_{n}" for n in range(9_000)]
-    b.node._inputs.take_joint_state(JointState(name=names, position=[0.0] * len(names)))
-    assert set(b.node._inputs.joints.positions()) == known
 
 
 def test_inputs_that_are_far_too_large_are_refused_with_their_limit(bench):

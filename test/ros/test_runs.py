@@ -12,7 +12,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.stopping import step, stoppable
 from placement_planner_ros.ros.run import worker
@@ -177,23 +176,6 @@ def test_a_robot_that_leaves_its_start_ends_the_run(bench):
 # --- time
 
 
-@pytest.mark.parametrize("stopped", [True, False])
-def test_a_longer_time_limit_is_no_remedy_for_a_run_that_was_stopped(bench, stopped):
-    b = bench()
-    b.explanation = Explanation(
-        "nothing yet", (Remedy("time_limit", "more"), Remedy("arms", "further"))
-    )
-    started(b, time_limit=0.0 if stopped else 0.05)
-    if not stopped:
-        b.wait(lambda: b.status()["state"] == "time_limit")
-    words = b.call("stop").words
-    assert "arms: further" in words
-    assert ("time_limit: more" in words) is not stopped
-    assert ("let it search longer" in words) is stopped
-    b.wait(lambda: b.status()["why"])
-    assert ("time_limit: more" in b.status()["why"]) is not stopped
-
-
 def test_the_time_limit_counts_from_the_first_sample(bench):
     b = bench()
     b.feed()
@@ -325,13 +307,6 @@ def test_a_run_that_cannot_begin_does_not_keep_the_next_from_it(bench, monkeypat
         assert not b.node._commands.busy
     assert b.call("stop").code == "NOT_RUNNING"
     started(b)
-
-
-def test_a_run_that_ends_as_it_finds_something_says_so(bench, monkeypatch):
-    b = bench()
-    started(b)
-    monkeypatch.setattr(b.planners[-1], "explain", lambda: None)  # with nothing to explain
-    assert "no solution: the run was told to end just as it found" in b.call("stop").words
 
 
 def test_a_body_that_can_stand_on_nothing_is_refused(bench, monkeypatch):

@@ -7,9 +7,8 @@ import pytest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from std_msgs.msg import String
 
-from placement_planner_ros.ros.spinning import REST_S, PooledExecutor, hand_out, spin_until, waiting
+from placement_planner_ros.ros.spinning import PooledExecutor, hand_out, spin_until
 
 
 @pytest.fixture
@@ -69,46 +68,6 @@ def test_what_callbacks_raise_is_told_one_by_one_and_ends_nothing(node):
     thread.join()
     assert executor.finish(60.0)
     executor.shutdown()
-
-
-def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
-    looks, heard, all_heard = [], [], threading.Event()
-    executor, asked = PooledExecutor(2), threading.Event()
-    several = [node.create_publisher(String, "told", 10) for _ in range(2)]
-
-    def take(message):
-        looks.append(time.monotonic())
-        for each in (message, *waiting(told, 10)):
-            heard.append(each.data)
-        if len(heard) == 10:
-            all_heard.set()
-
-    told = node.create_subscription(String, "told", take, 10)
-    executor.add_node(node)
-    while told.get_publisher_count() < 2:
-        time.sleep(0.01)
-    for number in range(5):
-        for who, publisher in zip("ab", several, strict=True):
-            publisher.publish(String(data=f"{who}{number}"))
-    thread = threading.Thread(target=spin_until, args=(executor, asked))
-    thread.start()
-    took_all = all_heard.wait(60.0)
-    first, waited_for = len(looks), list(heard)
-    looks.clear()
-    began = time.monotonic()
-    while time.monotonic() < began + 30 * REST_S or not looks:
-        several[0].publish(String(data="again"))
-        time.sleep(REST_S / 20)
-    asked.set()
-    thread.join()
-    ended = executor.finish(60.0)
-    executor.shutdown()
-    assert took_all
-    assert ended
-    assert first < len(waited_for), "one look for each"
-    for who in "ab":
-        assert [each for each in waited_for if each[0] == who] == [f"{who}{n}" for n in range(5)]
-    assert 0 < len(looks) <= (looks[-1] - began) / REST_S + 2
 
 
 def test_all_that_is_ready_is_handed_out_once_and_what_it_raises_is_told(node):

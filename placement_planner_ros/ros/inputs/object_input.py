@@ -106,11 +106,6 @@ class ObjectInput:
         return self._key, self.state
 
     @property
-    def progress(self) -> str:
-        """What takes long while the newest object is read; empty where nothing does."""
-        return self.reading.progress
-
-    @property
     def state(self) -> State:
         """Whether there is an object, as `~/status` says it."""
         if self._fault is not None:
@@ -142,16 +137,12 @@ class ObjectInput:
 
     def parameters_changed(self, names: Iterable[str], parameters: ParameterSet) -> None:
         """Parameters were set; where they describe an object, it is the object from now on."""
-        names = list(names)
+        mine = [name for name in names if name.startswith("object.")]
+        if not mine:
+            return
         with self._lock:
-            fallback: Source = "none" if self._topic is None else "topic"
-            if self._source in ("mesh", "vertices"):
-                fallback = self._source
-            changed = [name for name in names if name in _SOURCE_OF]
-            if changed:
-                self._source = _source_of(parameters, changed, fallback)
-        if any(name.startswith("object.") for name in names):
-            self._begin(parameters)
+            self._source = _source_of(parameters, mine, self._source)
+        self._begin(parameters)
 
     def check(self, parameters: ParameterSet, names: Iterable[str]) -> None:
         """Look at what parameters that are about to be set show of an object.
@@ -210,17 +201,13 @@ class ObjectInput:
     ) -> tuple[Hashable, Read[Body]]:
         """What tells the object from others, and how it is made."""
         with self._lock:
-            mine = [name for name in overridden if name in _SOURCE_OF]
-            source = _source_of(parameters, mine, self._source)
-            given = self._topic
-        if source in ("mesh", "vertices"):
-            source = _source_of(parameters, [f"object.{source}"], "none")
-        if source == "mesh":
-            given = self._open(parameters["object.mesh"])
-        elif source == "vertices":
-            given = self._listed_mesh(parameters)
-        elif source == "none":
+            source, given = _source_of(parameters, overridden, self._source), self._topic
+        if source != "topic":
             given = None
+        if source == "mesh" and parameters["object.mesh"]:
+            given = self._open(parameters["object.mesh"])
+        elif source == "vertices" and parameters["object.vertices"]:
+            given = self._listed_mesh(parameters)
         if given is None:
             raise NoObjectError(
                 "object", "not given", "publish ~/object, or set object.mesh or object.vertices"
@@ -289,7 +276,7 @@ def _source_of(parameters: ParameterSet, names: Iterable[str], otherwise: Source
     """The source that the last non-empty one of these parameters belongs to."""
     source = otherwise
     for name in names:
-        if parameters[name]:
+        if name in _SOURCE_OF and parameters[name]:
             source = _SOURCE_OF[name]
     return source
 

@@ -34,7 +34,6 @@ class Reception:
     """Hands what arrives to the inputs, and logs what they refuse.
 
     Args:
-        topics: of clouds.
         on_joints: called after each joint state.
         log: hears of what is refused.
         calls: clouds give way to their answers.
@@ -48,7 +47,6 @@ class Reception:
         node: Node,
         inputs: Inputs,
         parameters: ParameterServer,
-        topics: Sequence[str],
         on_joints: Callable[[], None],
         log: Log,
         calls: CallPriority,
@@ -60,7 +58,8 @@ class Reception:
         self._on_joints = on_joints
         parameters.check_with(self._check)
         parameters.notify(inputs.object.parameters_changed)
-        self.clouds = CloudSubscriptions(node, topics, self._take_cloud)
+        topics = dict.fromkeys(["points", *parameters.current["cloud_topics"]])
+        self.clouds = CloudSubscriptions(node, list(topics), self._take_cloud)
         self._joint_states = node.create_subscription(
             JointState,
             "joint_states",

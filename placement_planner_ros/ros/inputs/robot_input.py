@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,8 @@ from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.share import share_path
 
+_PARTS = ("joints", "grasps", "touch_links", "gripper_joints", "gripper_open")
+"""Of an arm's parameters, those that are lists."""
 STILL_JOINT = 1e-3
 """rad or m by which a joint may have moved, for meshes to be where they were."""
 
@@ -149,11 +152,6 @@ class RobotInput:
         """Whether this is the robot meant, rather than a stand-in until one arrives."""
         return not self.follows_topic or self._arrived
 
-    @property
-    def progress(self) -> str:
-        """What takes long while the newest description is read; empty where nothing does."""
-        return self.reading.progress
-
     def wait(self, patience: float | None = None) -> None:
         """Return once the newest description is read, or cannot be."""
         self.reading.wait(self._key, patience)
@@ -260,22 +258,13 @@ def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:
     tip = parameters[f"{name}.tip_frame"]
     if not tip:
         raise RobotError(f"{name}.tip_frame", tip, "name the link that the grasps refer to")
-    rest = ("joints", "grasps", "touch_links", "gripper_joints", "gripper_open")
-    return _arm(robot, name, tip, *(tuple(parameters[f"{name}.{part}"]) for part in rest))
+    return _arm(robot, name, tip, tuple(tuple(parameters[f"{name}.{part}"]) for part in _PARTS))
 
 
 @weak_lru_cache("robot", maxsize=16)
-def _arm(
-    robot: Robot,
-    name: str,
-    tip: str,
-    joints: tuple[str, ...],
-    grasps: tuple[float, ...],
-    touch_links: tuple[str, ...],
-    gripper_joints: tuple[str, ...],
-    gripper_open: tuple[float, ...],
-) -> Arm:
+def _arm(robot: Robot, name: str, tip: str, parts: tuple[tuple[Any, ...], ...]) -> Arm:
     """Kept from start to start."""
+    joints, grasps, touch_links, gripper_joints, gripper_open = parts
     return robot.arm(
         name,
         tip,

@@ -52,7 +52,7 @@ def scene_markers(
         *_box_markers(header, "keep_out", keep_out, _KEEP_OUT),
         _triangles_marker(header, "regions", _region_corners(regions), _REGION),
         *(
-            _marker(header, "standing", Marker.POINTS, _STANDING, points, 0.006, number)
+            _numbered(_marker(header, "standing", Marker.POINTS, _STANDING, points, 0.006), number)
             for number, points in enumerate(few)
         ),
     ]
@@ -82,11 +82,17 @@ def _box_markers(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> lis
     """One marker for each of (k, 2, 3) corners."""
     markers = []
     for number, (lower, upper) in enumerate(boxes):
-        marker = _marker(header, ns, Marker.CUBE, color, number=number)
+        marker = _numbered(_marker(header, ns, Marker.CUBE, color), number)
         marker.pose = pose_message(pin.SE3(np.eye(3), (lower + upper) / 2))
         marker.scale = Vector3(**dict(zip("xyz", (upper - lower).tolist(), strict=True)))
         markers.append(marker)
     return markers
+
+
+def _numbered(marker: Marker, number: int) -> Marker:
+    """The same with that id."""
+    marker.id = number
+    return marker
 
 
 def _region_corners(regions: Iterable[Region]) -> Array:
@@ -113,18 +119,15 @@ def _marker(
     color: ColorRGBA,
     points: Array | Sequence[Array] = (),
     scale: float = 1.0,
-    number: int = 0,
 ) -> Marker:
     """A marker where its frame is.
 
     Args:
         scale: width of points and lines, metres.
-        number: its id.
     """
     return Marker(
         header=header,
         ns=ns,
-        id=number,
         type=kind,
         pose=pose_message(pin.SE3.Identity()),
         scale=Vector3(x=scale, y=scale, z=scale),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import threading
-import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -38,8 +36,7 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 STATUS_PERIOD_S = 0.5
-"""Between status messages while searching, at least, unless the state changes; and from the
-beginning of a search to its first markers, unless a placement comes before."""
+"""Between status messages while searching, at least, unless the state changes."""
 
 
 class Outputs:
@@ -50,7 +47,7 @@ class Outputs:
         self._lock = threading.Lock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
-        self._undrawn: tuple[Snapshot, Environment, float] | None = None
+        self._undrawn: tuple[Snapshot, Environment] | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile | int) -> Publisher:
             # The executor looks at every event of every publisher each time that it wakes, a
@@ -88,24 +85,17 @@ class Outputs:
         They are drawn by `draw`, as that takes time which the search for a first placement needs.
         """
         with self._lock:
-            self._undrawn = snapshot, environment, time.monotonic()
+            self._undrawn = snapshot, environment
 
     def draw(self) -> None:
-        """Publish obstacle set and regions of a run that has gone on for a moment."""
+        """Publish obstacle set and regions, where that has not been done yet."""
         with self._lock:
-            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + STATUS_PERIOD_S:
-                self._draw()
-
-    def draw_now(self) -> None:
-        """From now on have `draw` wait no longer: the run has ended."""
-        with self._lock:
-            if self._undrawn is not None:
-                self._undrawn = (*self._undrawn[:2], -math.inf)
+            self._draw()
 
     def _draw(self) -> None:
         if self._undrawn is None:
             return
-        snapshot, environment, _ = self._undrawn
+        snapshot, environment = self._undrawn
         self._undrawn = None
         header = Header(frame_id=snapshot.frame, stamp=self._now())
         obstacles = environment.obstacles

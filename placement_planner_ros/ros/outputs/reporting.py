@@ -110,7 +110,6 @@ class Reporter:
         if not run.active:
             tell = self._log.failure if run.state is State.FAILED else self._log.event
             tell(f"run {run.number} ended, {run.state}, code {run.code}: {run.summary()}")
-            self._outputs.draw_now()
         self.report()
 
     def failed(self, run: Run, error: BaseException) -> None:
@@ -183,8 +182,8 @@ class Reporter:
         robot, held = self._inputs.robot, self._inputs.object
         told = {
             "object_assumed": held.assumed,
-            "object_progress": held.progress,
-            "robot_progress": robot.progress,
+            "object_progress": held.reading.progress,
+            "robot_progress": robot.reading.progress,
             "warm_progress": self._warm.progress,
         }
         return {

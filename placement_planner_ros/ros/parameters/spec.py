@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.settings import FINITE, Meaning, Settings, meaning_of
+from placement_planner_ros.core.settings import Meaning, Settings, meaning_of
 
 Kind = Literal["bool", "integer", "double", "string", "double[]", "integer[]", "string[]"]
 Value = bool | int | float | str | list[float] | list[int] | list[str]
@@ -104,18 +104,10 @@ class Spec:
 
 
 def own_spec(
-    name: str,
-    kind: Kind,
-    default: Value,
-    text: str,
-    interval: str = FINITE,
-    unit: str = "",
-    choices: tuple[str, ...] = (),
-    startup: bool = False,
-    check: Check | None = None,
+    name: str, kind: Kind, default: Value, text: str, check: Check | None = None, **meaning: Any
 ) -> Spec:
-    """A parameter of ROS' own; see `Spec` and `Meaning`."""
-    return Spec(name, kind, default, Meaning(text, unit, interval, choices), startup, check)
+    """A parameter of ROS' own; see `Spec`, and `Meaning` for the rest."""
+    return Spec(name, kind, default, Meaning(text, **meaning), check=check)
 
 
 def _number_or_list(text: str) -> float | list[float] | str:

@@ -7,6 +7,7 @@ field. Knows nothing of rclpy: `server.py` declares all this.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
@@ -72,7 +73,7 @@ _CHECKS: dict[str, Check] = {
 
 def _startup(name: str, kind: Kind, default: Value, text: str, check: Check | None = None) -> Spec:
     """A parameter that is read at start-up only."""
-    return own_spec(name, kind, default, text, startup=True, check=check)
+    return replace(own_spec(name, kind, default, text, check), startup=True)
 
 
 # fmt: off
@@ -117,23 +118,24 @@ _OWN = (
              "placement_planner_ros.objectives.", choices=tuple(objective_names())),
     own_spec("time_limit", "double", 30.0,
              "Time after which a run ends, by a steady clock; 0: it runs until stopped.",
-             "[0, 1e6]", "s"),
+             interval="[0, 1e6]", unit="s"),
     own_spec("seed", "integer", -1,
              "Seed of every random choice of a run; -1: from the machine's entropy.",
-             f"[-1, {2**63 - 1}]"),
+             interval=f"[-1, {2**63 - 1}]"),
 
     own_spec("trajectory_joints", "string", "arm",
              "Which joints trajectories name: the arm's, or all with the others held.",
              choices=("arm", "all")),
     own_spec("start_tolerance", "double", 0.02,
-             "A robot further from where a run began ends that run.", "[0.0001, 1]", "rad or m"),
+             "A robot further from where a run began ends that run.", interval="[0.0001, 1]",
+             unit="rad or m"),
     own_spec("start_limit_tolerance", "double", 0.001,
              "Joints beyond a limit by no more than this are taken to be at the limit, and that is "
              "told; a joint of an arm that is further beyond is BAD_START.",
-             "[0, 0.05]", "rad or m"),
+             interval="[0, 0.05]", unit="rad or m"),
     own_spec("rest_speed", "double", 0.02,
              "A joint of an arm, or on the way to a sensor, that is faster than this by its "
-             "positions, over 0.3 s, is moving.", "[0.0001, 1]", "rad/s or m/s"),
+             "positions, over 0.3 s, is moving.", interval="[0.0001, 1]", unit="rad/s or m/s"),
     own_spec("assumed_joints", "string[]", [],
              "Values joint=value, rad or m, of joints that nobody publishes. Joints that move no "
              "shape, and passive ones of the SRDF, need none.", check=checks.named_numbers),
@@ -141,14 +143,14 @@ _OWN = (
              "Links of the robot's description that are furniture, obstacle and support, instead "
              "of those found: links that no joint moves, but for the robot's foot."),
     own_spec("joint_state_timeout", "double", 1.0, "Joint values older than this are stale.",
-             "[0.01, 3600]", "s"),
+             interval="[0.01, 3600]", unit="s"),
 
     own_spec("cloud.mode", "string", "latest",
              "latest: the newest cloud of each topic; merge: all clouds since clear_environment.",
              choices=("latest", "merge")),
     own_spec("cloud.max_age", "double", 60.0,
              "In mode latest, clouds older than this are stale; 0: any age will do.",
-             "[0, 1e6]", "s"),
+             interval="[0, 1e6]", unit="s"),
     own_spec("unknown_space", "string", "free",
              "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
              "free, or occupied, so that nothing enters it, or occupied_below: occupied, but free "
@@ -159,13 +161,13 @@ _OWN = (
     own_spec("mesh_tolerance", "double", 0.002,
              "What is farther from a mesh than its margin and this is never called colliding. "
              "Answers rest on the original triangles, so they keep to any value.",
-             "[0.0001, 0.05]", "m"),
+             interval="[0.0001, 0.05]", unit="m"),
     own_spec("self_filter.enabled", "bool", True,
              "Whether points on the robot and on the held object are left out of clouds."),
     own_spec("self_filter.padding", "double", 0.02,
              "Points this close to the surface of the robot or of the held object carry nothing. "
              "Those that lie on it are left out; the others are obstacles to whatever moves.",
-             "[0, 0.2]", "m"),
+             interval="[0, 0.2]", unit="m"),
     own_spec("self_filter.padding_of", "string[]", [],
              "Links with a padding of their own, each as link=metres, up to 0.2 m.",
              check=checks.paddings_by_link),
@@ -178,11 +180,12 @@ _OWN = (
              unit="m", check=checks.triples),
     own_spec("object.triangles", "integer[]", [],
              "Triangles of the grasped object: three vertex indices each, 300000 at most.",
-             "[0, inf)", check=checks.triples),
+             interval="[0, inf)", check=checks.triples),
     own_spec("object.center_of_mass", "double[]", [],
              "Centre of mass in the mesh's frame and unit; empty: from the mesh.",
              check=checks.point_or_nothing),
-    own_spec("object.scale", "double", 1.0, "Factor from the mesh's unit to metres.", "(0, 1e6]"),
+    own_spec("object.scale", "double", 1.0, "Factor from the mesh's unit to metres.",
+             interval="(0, 1e6]"),
 )
 """The parameters of ROS' own whose names do not depend on another's value."""
 

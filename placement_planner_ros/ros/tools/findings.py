@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -36,14 +36,6 @@ class Findings:
         """Say something in it."""
         for line in words.splitlines() or [""]:
             print(textwrap.indent(_FILL.fill(line), " " * indent), flush=True)
-
-    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Columns, of which all but the first hold numbers."""
-        lines = [head, *rows]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-        for line in lines:
-            cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
-            print("  " + "  ".join([line[0].ljust(widths[0]), *cells[1:]]), flush=True)
 
     def wrong(self, fault: Exception | str) -> None:
         """Remember that something is wrong; of links that lack a shape, all of them."""

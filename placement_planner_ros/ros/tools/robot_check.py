@@ -203,24 +203,17 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
     for arm in snapshot.arms:
         told = announced(snapshot.robot, snapshot.parameters, arm)
         findings.title(f"arm {arm.name}: {arm.dof} joints to {arm.tip_frame}")
-        unstated = {(each.joint, each.what) for each in told.assumed}
-        if timing.chosen:
-            unstated = {each for each in unstated if each[1] == "velocity"}
         accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
-        rows = []
         for k, joint in enumerate(arm.joints):
-            ends = f"{arm.lower[k]:.3f}", f"{arm.upper[k]:.3f}"
-            rows.append(
-                [
-                    joint,
-                    *(("without", "end") if joint in arm.continuous else ends),
-                    f"{arm.velocity[k]:.3g}" + "*" * ((joint, "velocity") in unstated),
-                    f"{accelerations[k]:.3g}" + "*" * ((joint, "acceleration") in unstated),
-                    f"{snapshot.q_start[arm.q_index[k]]:.3f}",
-                ]
+            ends = "without end stops"
+            if joint not in arm.continuous:
+                ends = f"{arm.lower[k]:.3f} to {arm.upper[k]:.3f}"
+            findings.say(
+                f"{joint}: {ends}, velocity {arm.velocity[k]:.3g}, acceleration "
+                f"{accelerations[k]:.3g}, starts at {snapshot.q_start[arm.q_index[k]]:.3f}",
+                2,
             )
-        findings.table(["joint", "lower", "upper", "velocity", "acceleration", "start"], rows)
-        findings.say(f"rad and m, per s and s²{'; * is assumed' if unstated else ''}", 2)
+        findings.say("rad and m, per s and s²", 2)
         for words in (told.torso, told.limits(accelerations=not timing.chosen)):
             if words:
                 findings.say(words)

@@ -50,13 +50,6 @@ def test_another_solution_is_confirmed_where_it_was_measured(fed, planner, solut
         planner.confirm_placed(pose=measured)
 
 
-def test_a_command_while_another_client_plans_is_refused(fed, planner, solution):
-    fed.call("start")
-    with pytest.raises(PlacementError) as raised:
-        planner.confirm_placed(solution)
-    assert raised.value.code == "ALREADY_RUNNING"
-
-
 def test_validity_follows_the_node(fed, planner, solution):
     assert solution.validity
     fed.sensors.move(0.2)

@@ -1,6 +1,5 @@
 """However `place` is left before it is done, the run is stopped."""
 
-import asyncio
 import threading
 
 import pytest
@@ -54,18 +53,6 @@ def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, m
         assert not ended(fed)
         held.set()
         assert was_stopped(fed)
-
-
-def test_a_task_of_asyncio_places_in_a_thread_and_withdraws(fed, planner):
-    async def cancelling():
-        task = asyncio.create_task(asyncio.to_thread(planner.place, {}, 600.0))
-        await asyncio.to_thread(searching, fed)
-        planner.withdraw()
-        with pytest.raises(PlacementError, match="WITHDRAWN"):
-            await task
-
-    asyncio.run(cancelling())
-    assert was_stopped(fed)
 
 
 def test_withdrawing_from_another_thread_stops_the_run(fed, planner):

@@ -168,21 +168,10 @@ def test_another_run_of_another_client_is_said(fed, planner):
     assert not ended(fed), "the other run is left alone, and not waited for"
 
 
-def test_what_until_raises_stops_the_run(fed, planner):
-    placing = Doing(lambda: planner.place({}, 600.0, until=refuse))
-    found(fed, 0.5)
-    assert placing.error.code == "OWN"
-    assert ended(fed)
-
-
 def later(monkeypatch, seconds):
     """Have the client take it to be later than it is."""
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + seconds)
     monkeypatch.setattr(placement_client, "time", clock)
-
-
-def refuse(solution):
-    raise PlacementError("OWN", f"{solution.number} is not liked")
 
 
 # --- what passes by itself

@@ -183,18 +183,3 @@ def test_what_was_cleared_during_a_merge_does_not_come_back(monkeypatch):
     meanwhile(monkeypatch, store.clear)
     store.merge(A, 0.01)
     assert merged(store) == {tuple(p) for p in A}
-
-
-def test_what_threads_share_is_changed_with_the_lock_held_only():
-    class Watched(CloudStore):
-        def __setattr__(self, name, value):
-            assert not hasattr(self, "changes") or self._lock.locked(), name
-            super().__setattr__(name, value)
-
-    store = Watched(["points"])
-    for points in (A, B):
-        store.add(cloud("points", points, 0.0))
-        store.merge(points, 0.01)
-        store.forget(lambda points: points[:, 0] > 1.0)
-    store.clear()
-    assert store.updates == 2

@@ -264,17 +264,6 @@ def test_joints_and_their_clouds_survive_a_clock_that_jumps(robot, stamped, to, 
     np.testing.assert_allclose(world.seen(), [world.point_at(0.3)], atol=1e-6)
 
 
-@pytest.mark.parametrize("begun", [False, True])
-def test_joints_without_stamps_do_without_a_clock_that_runs(robot, begun):
-    world = World(robot)
-    world.clock.seconds = 50.0 if begun else 0.0
-    for _ in range(50):
-        world.joints(0.0)
-    world.cloud(50.0)
-    world.cloud(0.0)
-    np.testing.assert_allclose(world.seen(), [world.point_at(HOME[JOINT])], atol=1e-6)
-
-
 def test_names_the_robot_does_not_have_are_not_kept(robot):
     world = World(robot)
     names = [f"joint_{i}" for i in range(9_000)]

@@ -41,13 +41,6 @@ def test_values_of_several_publishers_are_merged(yumi):
     np.testing.assert_array_equal(resting(joints, yumi), yumi.configuration(HOME))
 
 
-def test_the_newest_value_counts(yumi):
-    joints = JointStates()
-    full(joints, 5.0)
-    full(joints, 9.5, yumi_joint_5_l=0.4)
-    assert resting(joints, yumi)[yumi.index("yumi_joint_5_l")] == 0.4
-
-
 def test_one_old_joint_makes_the_state_stale(yumi):
     joints = JointStates()
     full(joints, 8.9)
@@ -120,23 +113,6 @@ def test_what_is_assumed_of_a_joint_holds_until_somebody_publishes_it():
     joints = JointStates()
     joints.update(["a"], [0.2], 1.0)
     assert at(joints, ["a", "b"], None, 1.0, 1.0, a=0.7, b=0.5) == {"a": 0.2, "b": 0.5}
-
-
-def test_malformed_messages_change_nothing(yumi):
-    joints = JointStates()
-    full(joints, 9.9)
-    with pytest.raises(JointStateError, match="1 names, 2 positions"):
-        joints.update(["yumi_joint_1_l"], [0.1, 0.2], 9.95)
-    np.testing.assert_array_equal(resting(joints, yumi), yumi.configuration(HOME))
-
-
-def test_a_joint_named_twice_must_be_in_one_place(yumi):
-    joints = JointStates()
-    full(joints, 9.8)
-    joints.update(["yumi_joint_1_l"] * 2, [0.1, 0.1], 9.81)
-    with pytest.raises(JointStateError, match=r"named twice.*yumi_joint_1_l"):
-        joints.update(["yumi_joint_1_l", "x", "yumi_joint_1_l"], [0.5, 0.0, 0.6], 9.82)
-    assert joints.positions()["yumi_joint_1_l"] == 0.1
 
 
 def test_what_comes_late_is_not_the_newest():

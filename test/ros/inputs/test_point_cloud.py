@@ -118,35 +118,3 @@ def test_points_come_in_the_frame_asked_for(layout):
     T = pin.SE3(pin.utils.rotate("z", 0.7), np.array([1.0, -2.0, 0.5]))
     moved = points_from_message(cloud(**layout), T)
     np.testing.assert_allclose(moved, POINTS @ T.rotation.T + T.translation, atol=1e-12)
-
-
-def odd(kinds, width=3, step=40):
-    """POINTS with a kind for each coordinate."""
-    dtype = np.dtype(
-        {"names": list("xyz"), "formats": kinds, "offsets": [0, 8, 16], "itemsize": step}
-    )
-    rows = np.zeros(width, dtype)
-    for i, axis in enumerate("xyz"):
-        rows[axis] = POINTS[:width, i]
-    code = {"f4": PointField.FLOAT32, "f8": PointField.FLOAT64}
-    fields = [
-        PointField(name=n, offset=8 * i, datatype=code[kind], count=1)
-        for i, (n, kind) in enumerate(zip("xyz", kinds, strict=True))
-    ]
-    data = rows.tobytes()
-    return PointCloud2(
-        height=1, width=width, fields=fields, point_step=step, row_step=step * width, data=data
-    )
-
-
-def test_clouds_of_every_kind_are_read():
-    for kinds in (["f4", "f8", "f4"], ["f8", "f4", "f4"], ["f4"] * 3, ["f8"] * 3):
-        for width in (1, 2, 3):
-            got = points_from_message(odd(kinds, width))
-            np.testing.assert_array_equal(got, POINTS[:width])
-    np.testing.assert_array_equal(points_from_message(cloud(width=1, height=3, row_pad=4)), POINTS)
-    same_place = cloud()
-    for field in same_place.fields:
-        field.offset = 0
-    same_place.point_step, same_place.width, same_place.row_step = 4, 9, 36
-    assert points_from_message(same_place).shape == (8, 3)  # (0, 0, 0) is no point

@@ -2,14 +2,12 @@
 
 import threading
 import time
-import traceback
-from types import SimpleNamespace
 
 import pytest
 
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
-from placement_planner_ros.ros.inputs.reading import KEPT, NotReadyError, Reading
+from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading
 
 
 class Gate:
@@ -105,60 +103,3 @@ def test_closing_ends_what_is_being_read(reading):
     reading.close()
     assert gate.stopped
     assert not reading.busy
-
-
-def test_few_are_kept_and_lasting_ones_always(reading):
-    mine = Gate("mine")
-    mine.open.set()
-    reading.want("mine", mine, lasting=True)
-    for number in range(2 * KEPT):
-        gate = Gate(number)
-        gate.open.set()
-        reading.want(number, gate)
-        reading.wait(number)
-    assert [n for n in range(2 * KEPT) if reading.state(n) == "ready"] == list(range(KEPT, 8))
-    reading.wait("mine")  # the newest are read first
-    assert reading.get("mine") == "mine"
-
-
-def test_nothing_of_what_could_not_be_read_is_kept_however_often_it_is_asked_for(reading):
-    def read(_):
-        try:
-            raise KeyError("it")
-        except KeyError as error:
-            raise ObjectError("object", "it", "no mesh") from error
-
-    reading.want("a", read)
-    until(lambda: not reading.busy)
-    lengths = set()
-    for _ in range(20):
-        with pytest.raises(ObjectError) as error:
-            reading.get("a")
-        assert error.value.__cause__.__traceback__ is None
-        lengths.add(len(list(traceback.walk_tb(error.value.__traceback__))))
-    assert len(lengths) == 1
-
-
-def test_what_is_read_or_cannot_be_is_said():
-    said = []
-    log = SimpleNamespace(
-        event=said.append,
-        repeats=lambda kind, words: said.append(f"{kind}: {words}"),
-        fault=lambda kind, error: said.append(f"{kind}: {error}"),
-    )
-    reading = Reading("object", ObjectError, lambda made: f"read {made}", log)
-    for key, made in (
-        ("a", "it"),
-        ("b", ObjectError("object", "it", "no mesh")),
-        ("c", KeyError(3)),
-    ):
-        gate = Gate(made)
-        gate.open.set()
-        reading.want(key, gate)
-        until(lambda: not reading.busy)
-    assert said[:3] == [
-        "read it",
-        "object refused: object = 'it': no mesh",
-        "object cannot be read for a fault: 3",
-    ]
-    assert len(said) == 4

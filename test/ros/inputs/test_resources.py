@@ -1,14 +1,11 @@
 """Files named by users: where they are looked for, and who may name which."""
 
 import os
-from pathlib import Path
 
 import pytest
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.ros.inputs import resources
-from placement_planner_ros.ros.inputs.resources import Files, description_text, package_share
-from placement_planner_ros.share import PACKAGE
+from placement_planner_ros.ros.inputs.resources import Files, description_text
 
 
 @pytest.fixture
@@ -46,14 +43,6 @@ def tree(tmp_path, monkeypatch):
 @pytest.fixture
 def files(tree):
     return Files.below([str(tree / "packages")], ["open"])
-
-
-@pytest.mark.parametrize("index", ["", "/nowhere"])
-def test_a_package_is_unknown_with_and_without_an_index(monkeypatch, index):
-    monkeypatch.setenv("AMENT_PREFIX_PATH", index)
-    with pytest.raises(FileNotFoundError, match="none"):
-        Files().find("package://none/m.stl", trusted=True)
-    assert (package_share(PACKAGE) / "urdf").is_dir()
 
 
 @pytest.mark.parametrize(
@@ -139,12 +128,6 @@ def test_a_missing_package_names_every_folder_tried(files, tree):
     assert "package_paths" in str(error.value)
     with pytest.raises(FileNotFoundError, match=f"package mine lacks it; looked in {tree}/pack"):
         files.find("package://mine/m.stl", trusted=True)
-
-
-def test_where_the_robots_to_try_are_missing_it_is_told_what_installs_them(files, monkeypatch):
-    monkeypatch.setattr(resources, "_PIP_SHARE", Path("/nowhere"))
-    with pytest.raises(FileNotFoundError, match=r"pip install example-robot-data$"):
-        files.find("package://example-robot-data/robots/a.urdf", trusted=True)
 
 
 def test_a_uri_that_names_no_package_is_refused(files):

@@ -38,16 +38,6 @@ def test_points_on_a_link_go_and_those_beside_it_stay(robot):
     assert kept(robot, q, [[0.5, 0, 1.0], [0.5, 0, 1.2]]) == [False, True]
 
 
-def test_padding_grows_every_link(robot):
-    q = np.zeros(1)
-    assert kept(robot, q, [[0.109, 0, 0], [0.111, 0, 0]], padding=0.01) == [False, True]
-
-
-def test_links_are_where_the_joints_put_them(robot):
-    q = np.array([np.pi / 2])
-    assert kept(robot, q, [[0.5, 0, 1.0], [0, 0, 0.5]]) == [True, False]
-
-
 def test_the_held_object_is_left_out_where_a_hand_holds_it():
     yumi = load_yumi()
     q = yumi.configuration(START_CONFIGURATION)

@@ -10,27 +10,6 @@ FOUND = 0.1 + 0.2
 """Whose shortest exact form has 17 digits."""
 
 
-def numbers(values):
-    """All numbers among the values but the run's, which is a name."""
-    texts = " ".join(text for key, text in values.items() if key != "run")
-    return re.findall(r"\d+\.\d+", texts)
-
-
-def test_numbers_are_as_long_as_people_read_them(bench):
-    b = bench()
-    started(b).offers.append(FOUND)
-    b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "1")
-    b.wait(lambda: b.status().get("objective") == "0.3")
-    manifest = b.manifests()[-1]
-    assert manifest["objective"] == "0.3"
-    answer = b.call("stop")
-    assert "objective=0.3" in answer.text.splitlines()[0].split()
-    for values in (manifest, b.status()):
-        assert numbers(values)
-        assert max(len(number) for number in numbers(values)) <= 8, values
-    assert b.messages("objective")[-1].data == FOUND
-
-
 def test_a_solution_is_said_in_a_line(bench):
     b = bench()
     started(b).offers.append(FOUND)

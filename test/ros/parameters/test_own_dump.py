@@ -4,7 +4,6 @@ import pytest
 import rclpy
 import yaml
 from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.ros.parameters.server import ParameterNode, ParameterServer
 
@@ -66,21 +65,3 @@ def test_what_is_read_at_start_up_may_be_set_to_the_value_it_has_and_no_other(no
         result = node.set_parameters_atomically([Parameter(name, value=value)])
         assert not result.successful
         assert "start-up" in result.reason
-
-
-def test_a_name_that_nobody_knows_is_told_with_the_nearest(node):
-    strange = {"time_limt": 3, "sensor_poses.ear": 3, "right.tip_frame": "x", "qos_overrides./x": 3}
-    made = ParameterNode("strange", [Parameter(n, value=v) for n, v in strange.items()])
-    told = ParameterServer(made).without_effect()
-    made.destroy_node()
-    assert list(told) == ["time_limt", "sensor_poses.ear"]
-    assert told["time_limt"] == "there is no such parameter; the nearest is time_limit"
-    assert "sensor_frames did not name 'ear'" in told["sensor_poses.ear"]
-    ParameterServer(node)
-    client = AsyncParameterClient(node, node.get_name())
-    assert client.wait_for_services(30.0)
-    future = client.set_parameters([Parameter("seed", value=3), Parameter("timelimit", value=3)])
-    rclpy.spin_until_future_complete(node, future, timeout_sec=120.0)
-    results = future.result().results
-    assert [each.successful for each in results] == [True, False]
-    assert "the nearest is time_limit" in results[1].reason

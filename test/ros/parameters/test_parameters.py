@@ -115,20 +115,6 @@ def test_numbers_may_come_as_text_as_yaml_takes_some_for_it():
             parameter_set(target_volume=text)
 
 
-def test_nothing_is_an_empty_list():
-    assert parameter_set(left__grasps=None, cloud_topics=None)["cloud_topics"] == []
-    with pytest.raises(ParameterError):
-        parameter_set(target_volume=None)
-
-
-def test_changes_leave_the_original_alone():
-    before = parameter_set()
-    after = before.changed({"time_limit": 2.0, "collision_margin": 0.01})
-    assert (before["time_limit"], after["time_limit"]) == (30.0, 2.0)
-    assert after.planner_settings.collision.collision_margin == 0.01
-    assert before.planner_settings.collision.collision_margin == 0.003
-
-
 def test_unknown_names_are_refused():
     with pytest.raises(ParameterError, match="no such parameter; the nearest is time_limit"):
         parameter_set().changed({"time_limits": 3.0})
@@ -222,14 +208,6 @@ def test_a_bad_value_is_refused_with_its_reason_and_changes_nothing(node):
     assert server.current["target_volume"] == made.get_parameter("target_volume").value
 
 
-def test_start_up_parameters_are_refused_afterwards(node):
-    made = node()
-    ParameterServer(made)
-    result = made.set_parameters([Parameter("planning_frame", value="map")])[0]
-    assert not result.successful
-    assert "start-up" in result.reason
-
-
 def test_a_bad_value_at_start_up_is_named(node):
     with pytest.raises(ParameterError, match="sampler"):
         ParameterServer(node("-p", "sampler:=magic"))
@@ -257,15 +235,6 @@ def test_descriptors_carry_text_unit_and_range(node):
     choices = ", ".join(meaning_of(PlannerSettings(), "sampler").choices)
     assert f"one of {choices}" in made.describe_parameter("sampler").additional_constraints
     assert made.describe_parameter("seed").integer_range[0].to_value == 2**63 - 1
-
-
-def test_listeners_hear_of_what_was_set(node):
-    made = node()
-    server = ParameterServer(made)
-    heard = []
-    server.notify(lambda names, values: heard.append((list(names), values["seed"])))
-    made.set_parameters_atomically([Parameter("seed", value=4)])
-    assert heard == [(["seed"], 4)]
 
 
 def test_the_page_of_parameters_is_current():

@@ -1,6 +1,5 @@
 """What a run gets does not depend on whether its environment was made ahead."""
 
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.ros.run import preparation as module
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes
@@ -197,20 +195,6 @@ def test_lines_of_sight_close_sparse_surfaces_unless_an_object_stands_in_them_si
     assert carries(SENSOR, thing + np.array([0.0, -0.9, 0.0])) == seen_whole
 
 
-def test_another_object_in_the_same_scene_takes_the_same_environment(snapshot):
-    preparing = preparation()
-    first = preparing.prepare(snapshot, never).environment
-    names = ("wine_glass", "toy_table", "large_crayons_box")
-    for name in names:
-        held = object_by_name(name)
-        body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
-        arms = tuple(yumi_arm(snapshot.robot, arm, grasps) for arm, grasps in held.grasps.items())
-        later = preparing.prepare(replace(snapshot, body=body, arms=arms), never).environment
-        assert later.obstacles is first.obstacles
-        assert later.support is first.support
-        assert later.clearance is first.clearance
-
-
 def test_what_is_unknown_leaves_out_where_the_new_object_is(snapshot):
     """The scene stays, unknown space is told anew."""
     parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
@@ -224,20 +208,6 @@ def test_what_is_unknown_leaves_out_where_the_new_object_is(snapshot):
     other = preparing.prepare(second, never).environment
     assert other.measured is one.measured
     assert contents(other) == contents(Surroundings.of(second).environment())
-
-
-def test_points_that_the_robot_now_covers_are_left_out(snapshot):
-    moved = snapshot.q_start.copy()
-    left = snapshot.arms[0]
-    moved[left.q_index] += 0.01  # free of the table still: the points are the same
-    same = again(snapshot)
-    assert Surroundings.of(replace(same, q_start=moved)).same(Surroundings.of(snapshot))
-    tip = snapshot.robot.link_pose(snapshot.q_start, left.tip_frame).translation
-    on_the_hand = again(snapshot, clouds=(np.vstack([TABLE, [tip]]),))
-    assert Surroundings.of(on_the_hand).same(Surroundings.of(snapshot))
-    plain = on_the_hand.parameters.changed({"self_filter.enabled": False})
-    unfiltered = replace(on_the_hand, parameters=plain)
-    assert not Surroundings.of(unfiltered).same(Surroundings.of(snapshot))
 
 
 def test_the_robot_matters_where_unknown_space_is_occupied(snapshot):
@@ -259,16 +229,6 @@ def test_a_run_is_stopped_at_once_and_the_next_is_prepared(snapshot):
     assert preparing.prepare(again(snapshot), never) is not None
 
 
-def test_a_run_that_wants_something_else_ends_what_is_prepared_ahead(snapshot):
-    preparing = preparation()
-    volume = {"target_volume": [0.25, -0.2, -0.1, 0.6, 0.2, 0.2]}
-    preparing._run = replace(snapshot, parameters=snapshot.parameters.changed(volume))
-    assert not preparing.ahead(snapshot)
-    preparing._run = snapshot
-    assert preparing.ahead(snapshot)
-    assert preparing.ready(snapshot) is not None
-
-
 def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch):
     def refuse(_):
         raise CloudError("clouds", 0, "unusable")
@@ -280,26 +240,6 @@ def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch
         with pytest.raises(CloudError):
             preparing.prepare(snapshot, never)
     assert preparing.prepare(snapshot, never) is not None
-
-
-def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypatch):
-    monkeypatch.setattr(module, "LOOK_S", 0.001)
-    told, looks, wrong = [], [], ["one", "two"]
-    enough = threading.Event()
-
-    def inputs():
-        looks.append(1)
-        if wrong:
-            raise ZeroDivisionError(wrong.pop(0))
-        enough.set()
-        return 1, lambda: snapshot
-
-    preparing = Preparation(inputs, lambda: True, told.append)
-    preparing.start()
-    assert enough.wait(60.0)
-    monkeypatch.undo()
-    preparing.close()
-    assert [str(error) for error in told] == ["one", "two"]
 
 
 def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot):
