@@ -31,33 +31,22 @@ def control_points(
     return np.stack([p, p + v, p + 2.0 * v + a, q - 2.0 * w + b, q - w, q], axis=1)
 
 
-def evaluate_trajectory(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations, each (k, dof), at times t (k,).
-
-    Before the first and after the last point the curve stands still there.
-    """
-    t, times = np.asarray(t, dtype=np.float64), trajectory.times
-    if len(times) == 1:
-        still = np.zeros((len(t), len(trajectory.joints)))
-        return positions_at(trajectory, t), still, still.copy()
-    # Derivatives of the pieces as Bézier curves of lower degree.
-    points, x, h = _pieces_at(trajectory, t)
-    first = 5.0 * np.diff(points, axis=1) / h[:, None]
-    second = 4.0 * np.diff(first, axis=1) / h[:, None]
-    # Before and after, the curve stands still.
-    outside = (t < times[0]) | (t > times[-1])
-    velocities, accelerations = _de_casteljau(first, x), _de_casteljau(second, x)
-    velocities[outside] = 0.0
-    accelerations[outside] = 0.0
-    return _de_casteljau(points, x), velocities, accelerations
-
-
 def positions_at(trajectory: Trajectory, t: Array) -> Array:
-    """The first of these alone, in a third of the time."""
-    if len(trajectory.times) == 1:
+    """Positions (k, dof) at times t (k,); before the first and after the last point as there."""
+    times = trajectory.times
+    if len(times) == 1:
         return np.zeros((len(t), len(trajectory.joints))) + trajectory.positions[0]
-    points, x, _ = _pieces_at(trajectory, t)
-    return _de_casteljau(points, x)
+    # The piece at each time, and where in it, from 0 to 1.
+    inside = np.clip(t, times[0], times[-1])
+    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
+    x = ((inside - times[piece]) / np.diff(times)[piece])[:, None, None]
+    points = control_points(
+        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )[piece]
+    # De Casteljau's scheme.
+    while points.shape[1] > 1:
+        points = (1.0 - x) * points[:, :-1] + x * points[:, 1:]
+    return points[:, 0]
 
 
 def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -182,25 +171,3 @@ def first_uncertified(
             stack.append((index, halves[1:]))
             stack.append((index, halves[:1]))
     return None
-
-
-def _pieces_at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Control points (k, 6, dof) of the pieces at times t (k,), where in them (k, 1) in [0, 1], and
-    how long they take (k, 1)."""
-    # The piece at each time, and where in it.
-    times = trajectory.times
-    inside = np.clip(t, times[0], times[-1])
-    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
-    points = control_points(
-        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )[piece]
-    h = np.diff(times)[piece][:, None]
-    return points, ((inside - times[piece])[:, None]) / h, h
-
-
-def _de_casteljau(points: Array, x: Array) -> Array:
-    """Bézier curves (k, degree + 1, dof) at x (k, 1) in [0, 1]."""
-    weight = x[:, None]
-    while points.shape[1] > 1:
-        points = (1.0 - weight) * points[:, :-1] + weight * points[:, 1:]
-    return points[:, 0]

@@ -14,51 +14,35 @@ _DEVIATION_PER_CUT = 0.1875
 _SHARPEST = np.cos(np.radians(150.0))
 
 
-class RoundedPolyline:
-    """Straight segments joined by quintic blends.
+def rounded_polyline(waypoints: Array, cuts: Array) -> PPoly:
+    """Straight segments joined by quintic blends: a piecewise polynomial of degree 5.
 
     A blend leaves the incoming segment `cut` before the corner and joins the outgoing one `cut`
     after it, with unit speed and no curvature at both ends, so the curve is C2 in its parameter s
     (the arc length, on the straight parts). A blend lies in the triangle of its ends and the
     corner.
 
-    Attributes:
-        curve: q(s) as a piecewise polynomial of degree 5; its breakpoints are the pieces' ends.
-        is_blend: (m,) which pieces are blends.
-        corner: (m,) for a blend, the waypoint it rounds; for a segment, the waypoint it comes from.
+    Args:
+        waypoints: (n, dof), consecutive ones distinct, n ≥ 2.
+        cuts: (n,) cut lengths; the first and last are zero, the others above zero, and two
+            neighbours together shorter than the segment between them.
     """
-
-    def __init__(self, waypoints: Array, cuts: Array) -> None:
-        """Build the curve.
-
-        Args:
-            waypoints: (n, dof), consecutive ones distinct, n ≥ 2.
-            cuts: (n,) cut lengths; the first and last are zero, the others above zero, and two
-                neighbours together shorter than the segment between them.
-        """
-        # Lengths and directions of the segments.
-        steps = np.diff(waypoints, axis=0)
-        lengths = np.linalg.norm(steps, axis=1)
-        directions = steps / lengths[:, None]
-        coefficients, spans, self.is_blend, self.corner = [], [], [], []
-        for i, direction in enumerate(directions):
-            # The blend at the segment's start, as a polynomial.
-            if cuts[i] > 0.0:
-                blend = blend_control_points(waypoints, cuts, i)
-                coefficients.append(_power_basis(blend, 2.0 * cuts[i]))
-                spans.append(2.0 * cuts[i])
-                self.is_blend.append(True)
-                self.corner.append(i)
-            # What is left of the segment between both cuts.
-            line = np.zeros((6, waypoints.shape[1]))
-            line[4] = direction
-            line[5] = waypoints[i] + cuts[i] * direction
-            coefficients.append(line)
-            spans.append(lengths[i] - cuts[i] - cuts[i + 1])
-            self.is_blend.append(False)
-            self.corner.append(i)
-        breaks = np.concatenate([[0.0], np.cumsum(spans)])
-        self.curve = PPoly(np.stack(coefficients, axis=1), breaks)
+    # Lengths and directions of the segments.
+    steps = np.diff(waypoints, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    coefficients, spans = [], []
+    for i, direction in enumerate(steps / lengths[:, None]):
+        # The blend at the segment's start, as a polynomial.
+        if cuts[i] > 0.0:
+            blend = blend_control_points(waypoints, cuts, i)
+            coefficients.append(_power_basis(blend, 2.0 * cuts[i]))
+            spans.append(2.0 * cuts[i])
+        # What is left of the segment between both cuts.
+        line = np.zeros((6, waypoints.shape[1]))
+        line[4:] = direction, waypoints[i] + cuts[i] * direction
+        coefficients.append(line)
+        spans.append(lengths[i] - cuts[i] - cuts[i + 1])
+    return PPoly(np.stack(coefficients, axis=1), np.concatenate([[0.0], np.cumsum(spans)]))
 
 
 def blend_control_points(waypoints: Array, cuts: Array, corner: int) -> Array:

@@ -27,18 +27,17 @@ from placement_planner_ros.core.timing.carried_point import (
 from placement_planner_ros.core.timing.quintic import (
     concatenate_trajectories,
     control_points,
-    evaluate_trajectory,
     first_uncertified,
     limit_ratio,
 )
 from placement_planner_ros.core.timing.rounding import (
-    RoundedPolyline,
     blend_control_points,
     largest_cuts,
+    rounded_polyline,
 )
 from placement_planner_ros.core.types import Array, Trajectory
 
-__all__ = ["CurveSettings", "concatenate_trajectories", "evaluate_trajectory", "parameterize_path"]
+__all__ = ["CurveSettings", "concatenate_trajectories", "parameterize_path"]
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
@@ -212,10 +211,10 @@ def _timed_stretch(
 ) -> tuple[Array, Array, Array, Array] | None:
     """One stretch from rest to rest; sampled more finely where that makes it faster."""
     # The time-optimal profile, on finer grids where none is found.
-    rounded = RoundedPolyline(waypoints, cuts)
+    curve = rounded_polyline(waypoints, cuts)
     profile = None
     for refinement in (1, 2, 4):
-        profile = _fastest_profile(rounded.curve, _path_grid(rounded, refinement), limits, carried)
+        profile = _fastest_profile(curve, _path_grid(curve, refinement), limits, carried)
         if profile is not None:
             break
     if profile is None:
@@ -230,7 +229,7 @@ def _timed_stretch(
         count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
         # Sample the smoothed motion.
         t = np.linspace(0.0, duration, count)
-        timed = _sampled_curve(rounded.curve, t, *_averaged_position(times, s, speed, t, window))
+        timed = _sampled_curve(curve, t, *_averaged_position(times, s, speed, t, window))
         timed[1][[0, -1]] = waypoints[[0, -1]]
         # By how much it exceeds the limits, and the limit of the point that is carried.
         points, durations = control_points(*timed), np.diff(t)
@@ -266,22 +265,16 @@ class _Geometry(AbstractGeometricPath):
         return np.asarray(self._derivatives[0].x[[0, -1]])
 
 
-def _path_grid(rounded: RoundedPolyline, refinement: int) -> Array:
-    """Path positions for toppra: some on every piece, more on blends that turn far."""
-    breaks = rounded.curve.x
-    directions = rounded.curve.derivative()(breaks)
-    spans = np.diff(breaks)
-    # Points inside each piece, by its turn or by its share of the whole.
-    grid = [breaks[:1]]
-    for i, blend in enumerate(rounded.is_blend):
-        if blend:
-            turn = np.linalg.norm(directions[i + 1] - directions[i])
-            count = 4 + int(4.0 * turn)
-        else:
-            count = 3 + int(40.0 * spans[i] / breaks[-1])
-        inner = np.linspace(breaks[i], breaks[i + 1], refinement * count + 1)
-        grid.append(inner[1:])
-    return np.concatenate(grid)
+def _path_grid(curve: PPoly, refinement: int) -> Array:
+    """Path positions for toppra: some on every piece, more on long ones and where it turns far."""
+    breaks = curve.x
+    turns = np.linalg.norm(np.diff(curve(breaks, 1), axis=0), axis=1)
+    shares = np.diff(breaks) / breaks[-1]
+    counts = refinement * (3 + (40.0 * shares).astype(int) + (4.0 * turns).astype(int))
+    # Evenly within each piece.
+    ends = zip(pairwise(breaks), counts.tolist(), strict=True)
+    pieces = [np.linspace(a, b, count + 1)[1:] for (a, b), count in ends]
+    return np.concatenate([breaks[:1], *pieces])
 
 
 def _fastest_profile(

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.timing.timing import (
     CurveSettings,
     concatenate_trajectories,
-    evaluate_trajectory,
     parameterize_path,
 )
 
@@ -208,16 +208,13 @@ def test_repeated_waypoints_and_paths_that_do_not_move():
         assert trajectory.duration == 0.0
 
 
-def test_evaluate_is_the_quintic_and_stands_still_outside():
+def test_positions_are_the_quintics_and_stand_still_outside():
     path = random_path(np.random.default_rng(0), 2, 5, 1.0)
     trajectory = parameterize_path(path, JOINTS, LIMITS, always)
-    t, q, v, a = sample(trajectory)
-    for ours, theirs in zip(evaluate_trajectory(trajectory, t), (q, v, a), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-8)
-    at, va, aa = evaluate_trajectory(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
-    np.testing.assert_array_equal(at, path[[0, -1]])
-    np.testing.assert_array_equal(va, 0.0)
-    np.testing.assert_array_equal(aa, 0.0)
+    t, q, _, _ = sample(trajectory)
+    np.testing.assert_allclose(positions_at(trajectory, t), q, rtol=0.0, atol=1e-8)
+    outside = positions_at(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
+    np.testing.assert_array_equal(outside, path[[0, -1]])
 
 
 def test_concatenate_keeps_both_curves():
@@ -228,13 +225,11 @@ def test_concatenate_keeps_both_curves():
     assert both.duration == pytest.approx(first.duration + second.duration)
     assert (np.diff(both.times) > 0.0).all()
     t = np.linspace(0.0, first.duration, 50)
-    np.testing.assert_allclose(
-        evaluate_trajectory(both, t)[0], evaluate_trajectory(first, t)[0], atol=1e-12
-    )
+    np.testing.assert_allclose(positions_at(both, t), positions_at(first, t), atol=1e-12)
     t = np.linspace(0.0, second.duration, 50)
     np.testing.assert_allclose(
-        evaluate_trajectory(both, first.duration + t)[0],
-        evaluate_trajectory(second, t)[0],
+        positions_at(both, first.duration + t),
+        positions_at(second, t),
         atol=1e-9,
     )
     still = parameterize_path(path[[2]], JOINTS, LIMITS, always)
