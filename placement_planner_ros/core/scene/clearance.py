@@ -113,7 +113,8 @@ class ClearanceField:
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
         self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
-        runs = _vertical_runs(_counted_points(obstacles.points, volume, beyond), slope)
+        grown = volume.joined + np.array([[-beyond], [beyond]])
+        runs = _vertical_runs(obstacles.points, grown, slope)
         low, high = volume.lower[:2] - padding, volume.upper[:2] + padding
         sides = high - low
         pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
@@ -209,37 +210,86 @@ def most_change(moved: Array, pixel: float) -> Array:
     return np.asarray(change * (1.0 + _SINGLE_PRECISION))
 
 
-def _counted_points(
-    points: npt.NDArray[np.floating], volume: TargetVolume, beyond: float
-) -> npt.NDArray[np.floating]:
-    """Those of the points (n, 3) that lie in V, grown on all sides."""
-    counted = np.zeros(len(points), np.bool_)
-    for lower, upper in volume.joined:
-        inside = np.ones(len(points), np.bool_)
-        for axis in range(3):  # column by column, which takes numpy a part of the time
-            along = points[:, axis]
-            inside &= (along >= lower[axis] - beyond) & (along <= upper[axis] + beyond)
-        counted |= inside
-    return points[counted]
+def _vertical_runs(points: npt.NDArray[np.float32], boxes: Array, slope: Slope) -> Runs:
+    """Of those points (n, 3) that lie in one of the boxes (k, 2, 3) at least; heights are those
+    above a plane of the slope."""
+    low = np.floor(boxes[:, 0, :2].min(axis=0) / COLUMN_M)
+    sides = np.floor(boxes[:, 1, :2].max(axis=0) / COLUMN_M) - low + 1.0
+    return Runs(*_runs_of_columns(points, boxes, slope, low, (int(sides[0]), int(sides[1]))))
 
 
-def _vertical_runs(points: npt.NDArray[np.floating], slope: Slope) -> Runs:
-    """Of points (n, 3); heights are those above a plane of the slope."""
-    if len(points) == 0:
-        return Runs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    points = points.astype(np.float64)
-    points[:, 2] -= points[:, :2] @ np.array(slope)
-    cells = np.floor(points / (COLUMN_M, COLUMN_M, RUN_M)).astype(np.int64)
-    cells -= cells.min(axis=0)
-    shape = cells.max(axis=0) + 2  # so that the columns do not touch
-    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
-    order = np.argsort(key, kind="stable")
-    key, points = key[order], points[order]
-    first = np.flatnonzero(np.diff(key, prepend=-2) > 1)
-    count = np.diff(np.append(first, len(key)))
-    at = np.add.reduceat(points[:, :2], first) / count[:, None]
-    bottom, end = (each.reduceat(points[:, 2], first) for each in (np.minimum, np.maximum))
-    return Runs(at, bottom, end)
+@njit(cache=True, nogil=True)
+def _runs_of_columns(
+    points: npt.NDArray[np.float32],
+    boxes: Array,
+    slope: Slope,
+    first: Array,
+    shape: tuple[int, int],
+) -> tuple[Array, Array, Array]:
+    """The fields of `Runs`.
+
+    Args:
+        first: (2,) the first of the columns in which the boxes lie, of that shape.
+    """
+    # how many points each column has
+    column_of = np.full(len(points), -1, np.int64)
+    start = np.zeros(shape[0] * shape[1] + 1, np.int64)
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        counts = False
+        for box in boxes:
+            counts = counts or (
+                box[0, 0] <= x <= box[1, 0]
+                and box[0, 1] <= y <= box[1, 1]
+                and box[0, 2] <= z <= box[1, 2]
+            )
+        if counts:
+            i, j = (
+                math.floor(x / COLUMN_M) - int(first[0]),
+                math.floor(y / COLUMN_M) - int(first[1]),
+            )
+            i, j = min(max(i, 0), shape[0] - 1), min(max(j, 0), shape[1] - 1)
+            column_of[p] = i * shape[1] + j
+            start[column_of[p] + 1] += 1
+    for column in range(len(start) - 1):
+        start[column + 1] += start[column]
+    # each behind those of its column that are already there
+    fill, held = start.copy(), np.empty((start[-1], 3))
+    for p in range(len(points)):
+        if column_of[p] >= 0:
+            x, y = float(points[p, 0]), float(points[p, 1])
+            row = fill[column_of[p]]
+            held[row, 0], held[row, 1] = x, y
+            held[row, 2] = float(points[p, 2]) - slope[0] * x - slope[1] * y
+            fill[column_of[p]] += 1
+    # upwards, a run ends below a gap
+    at, bottom, end = np.empty((len(held), 2)), np.empty(len(held)), np.empty(len(held))
+    n = 0
+    for column in range(len(start) - 1):
+        own = held[start[column] : start[column + 1]]
+        if len(own) == 0:
+            continue
+        # from cell to cell they are upwards already
+        for k in range(1, len(own)):
+            x, y, z = own[k]
+            m = k
+            while m > 0 and own[m - 1, 2] > z:
+                own[m] = own[m - 1]
+                m -= 1
+            own[m, 0], own[m, 1], own[m, 2] = x, y, z
+        begin = 0
+        for k in range(1, len(own) + 1):
+            if k < len(own) and own[k, 2] - own[k - 1, 2] <= RUN_M:
+                continue
+            x = y = 0.0
+            for m in range(begin, k):
+                x += own[m, 0]
+                y += own[m, 1]
+            at[n, 0], at[n, 1] = x / (k - begin), y / (k - begin)
+            bottom[n], end[n] = own[begin, 2], own[k - 1, 2]
+            begin = k
+            n += 1
+    return at[:n].copy(), bottom[:n].copy(), end[:n].copy()
 
 
 def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
@@ -251,18 +301,10 @@ def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64
     if len(end) == 0:
         return np.zeros(1), np.zeros(0, np.int64)
     step = np.floor(end / END_STEP_M).astype(np.int64)
-    steps, of_run = np.unique(step, return_inverse=True)
+    of_run = np.unique(step, return_inverse=True)[1]
     weight = np.bincount(of_run).astype(np.float64)
     height = np.bincount(of_run, weights=end) / weight
-    group = np.arange(len(steps))
-    while len(weight) > MOST_ENDS:
-        cost = weight[1:] * weight[:-1] / (weight[1:] + weight[:-1]) * np.diff(height) ** 2
-        k = int(np.argmin(cost))
-        both = weight[k] + weight[k + 1]
-        height[k] = (weight[k] * height[k] + weight[k + 1] * height[k + 1]) / both
-        weight[k] = both
-        height, weight = np.delete(height, k + 1), np.delete(weight, k + 1)
-        group[group > k] -= 1
+    height, group = _joined_ends(height, weight, MOST_ENDS)
     below = np.append(min(low, height[0]) - SLICE_M, height)
     parts = np.ceil(np.diff(below) / SLICE_M).astype(np.int64)
     between = [
@@ -271,6 +313,31 @@ def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64
     ]
     faces = np.concatenate([*between, height[-1:]])
     return faces, (parts.cumsum() - 1)[group[of_run]]
+
+
+@njit(cache=True, nogil=True)
+def _joined_ends(height: Array, weight: Array, most: int) -> tuple[Array, npt.NDArray[np.int64]]:
+    """So many heights at most, and (n,) which of them each of the heights (n,), ascending, is of.
+
+    Args:
+        weight: (n,) how many runs end at each.
+    """
+    n, group = len(height), np.arange(len(height))
+    while n > most:
+        # the two neighbours that lose least
+        least, k = math.inf, 0
+        for m in range(n - 1):
+            both = weight[m] + weight[m + 1]
+            cost = weight[m] * weight[m + 1] / both * (height[m + 1] - height[m]) ** 2
+            if cost < least:
+                least, k = cost, m
+        both = weight[k] + weight[k + 1]
+        height[k] = (weight[k] * height[k] + weight[k + 1] * height[k + 1]) / both
+        weight[k] = both
+        height[k + 1 : n - 1], weight[k + 1 : n - 1] = height[k + 2 : n], weight[k + 2 : n]
+        group[group > k] -= 1
+        n -= 1
+    return height[:n].copy(), group
 
 
 def _contiguous_view(values: Array) -> Array:

@@ -113,23 +113,15 @@ def thinned(
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _slot_of(
-    points: Array,
-    cell_size: float,
-    first_of: npt.NDArray[np.int64],
-    number_at: npt.NDArray[np.int32],
-    cell: tuple[int, int, int],
+    known: npt.NDArray[np.int64], number_at: npt.NDArray[np.int32], cell: tuple[int, int, int]
 ) -> int:
-    """The slot of the hash table that a cell has, or would have."""
+    """The slot of the hash table that a cell has, or would have, among those known (k, 3)."""
     mask = len(number_at) - 1
     # one after the other, until it is the cell's or nobody's
     slot = (cell[0] * _PRIME_X ^ cell[1] * _PRIME_Y ^ cell[2] * _PRIME_Z) & mask
     while number_at[slot] > 0:
-        q = first_of[number_at[slot] - 1]
-        if (
-            math.floor(points[q, 0] / cell_size) == cell[0]
-            and math.floor(points[q, 1] / cell_size) == cell[1]
-            and math.floor(points[q, 2] / cell_size) == cell[2]
-        ):
+        row = number_at[slot] - 1
+        if known[row, 0] == cell[0] and known[row, 1] == cell[1] and known[row, 2] == cell[2]:
             break
         slot = (slot + 1) & mask
     return slot
@@ -141,9 +133,10 @@ def _thin_evenly(
 ) -> npt.NDArray[np.int64]:
     """`thinned`; cells are found by a hash table of so many slots, a power of two."""
     n = len(points)
-    first_of, number_at = np.empty(n, np.int64), np.zeros(slots, np.int32)
+    known, number_at = np.empty((n, 3), np.int64), np.zeros(slots, np.int32)
     cell_of, count = np.full(n, np.int32(-1)), np.empty(n, np.int32)
-    cells = 0
+    cells = slot = 0
+    last = (0, 0, 0)
     # which cell each point is of, and how many each has
     for p in range(n):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -152,9 +145,12 @@ def _thin_evenly(
         ) or math.isinf(x + y + z):  # also where a coordinate is NaN
             continue
         cell = math.floor(x / cell_size), math.floor(y / cell_size), math.floor(z / cell_size)
-        slot = _slot_of(points, cell_size, first_of, number_at, cell)
+        if cell != last or cells == 0:  # neighbours are mostly of one cell
+            slot = _slot_of(known, number_at, cell)
+            last = cell
         if number_at[slot] == 0:
-            first_of[cells], count[cells] = p, 0
+            known[cells, 0], known[cells, 1], known[cells, 2] = cell
+            count[cells] = 0
             cells += 1
             number_at[slot] = cells
         cell_of[p] = number_at[slot] - 1
@@ -163,14 +159,11 @@ def _thin_evenly(
     # of a dense cell stay as seldom as those in it
     most = count[:cells].copy()
     for c in range(cells):
-        q = first_of[c]
-        i = math.floor(points[q, 0] / cell_size)
-        j = math.floor(points[q, 1] / cell_size)
-        k = math.floor(points[q, 2] / cell_size)
         for way in range(6):
             step = 1 - 2 * (way & 1)
+            i, j, k = known[c]
             beside = i + step * (way < 2), j + step * (2 <= way < 4), k + step * (way >= 4)
-            number = number_at[_slot_of(points, cell_size, first_of, number_at, beside)]
+            number = number_at[_slot_of(known, number_at, beside)]
             if number > 0:
                 most[c] = max(most[c], count[number - 1])
     # of each dense cell those whose multiple of the golden ratio falls into the share that is kept:

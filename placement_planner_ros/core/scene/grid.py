@@ -356,15 +356,16 @@ def _cleaned_bins(
     size = settings.cell_size
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
+    noise = denoising.estimate_noise(bins, origin, size)
+    if noise > settings.noise_floor:
+        # the second time from planes that the first has made sharper
+        for few in (0, min_points):
+            points = denoising.project_points(bins, origin, size, noise, few, lower, upper)
+            bins = bins._replace(points=points)
+        return sort_into_cells(points, origin, size, shape, lower, upper), noise
     if min_points > 1:
         lone = denoising.lone_cells(bins, counts, min_points)
         if lone.any():
             points = bins.points[np.repeat(~lone, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    noise = denoising.estimate_noise(bins, origin, size)
-    if noise <= settings.noise_floor:
-        return bins, 0.0
-    for _ in range(2):  # the second time from planes that the first has made sharper
-        points = denoising.project_points(bins, origin, size, noise, min_points, lower, upper)
-        bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    return bins, noise
+    return bins, 0.0

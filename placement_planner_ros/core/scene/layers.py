@@ -24,14 +24,15 @@ from scipy.ndimage import label, map_coordinates, maximum_filter
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.rasters import (
     TILE_M,
-    WIDEST,
     Field,
     Mask,
     Raster,
     Rows,
     chance_radius,
-    points_within,
+    pixel_means,
+    pixel_sums,
     widest_empty_disc,
+    window_sums,
 )
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Slope, TargetVolume
@@ -44,12 +45,12 @@ SCATTER_NOISES = 1.5
 """Standard deviations of the noise that points are off their surface by at most, once smoothed."""
 NOISY = 1.3
 """Times as wide are discs that chance explains where noise moves points sideways."""
-BESIDE_A_THING = 0.75
-"""Widest discs by chance from what rises within which points are taken for its foot."""
 PASSED_M, PASSED_NOISES = 0.005, 6.0
 """m, and standard deviations of the noise more, below a layer from which on a ray has passed it."""
 PIXEL_M = 0.001, 0.0025
 """m, sides of the finest and of the coarsest pixels."""
+NEAR_PIXELS = 4.0
+"""Pixels up to which the distance to a gap that is no end matters."""
 FINEST_PIXELS = 60_000
 """Pixels of a layer up to which they are as fine as the spacing of its points asks for."""
 NARROWEST_M, WIDEST_M = 0.002, 0.016
@@ -61,6 +62,8 @@ SURE_RAYS = 12
 if a quarter of it were open, three in a hundred times that many would by chance."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
+FILLED = 5
+"""Times as wide are the squares that heights are averaged over where those hold no point."""
 SHEET_M = 0.0015
 """m below the highest point beside it from which on a point is not of the surface's top."""
 
@@ -75,7 +78,7 @@ class Layer(NamedTuple):
     pixel: float
     """m between two pixels."""
     inside: Field
-    """m from the nearest gap, negative in gaps."""
+    """m from the nearest gap, some pixels at most; negative in gaps."""
     from_end: Field
     """m from where the surface drops or was not seen, negative beyond."""
     surface: Field
@@ -122,16 +125,19 @@ class SlopeCloud:
         )
         self._sights = [_Sight(view, slope) for view in sights]
 
-    def between(self, low: float, high: float) -> tuple[Array, Array]:
-        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
+    def between(self, low: float, high: float, columns: Mask, corner: Array) -> tuple[Array, Array]:
+        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`.
+
+        Args:
+            columns: (cx, cy) of cells from `corner` (2,) on, the only ones to look at; all if none.
+        """
         first, last = (
             min(max(int((z - self._low) / LAYER_STEP_M) + k, 0), len(self._start) - 1)
             for k, z in enumerate((low, high))
         )
         rows = slice(self._start[first], self._start[last])
-        heights = self._heights[rows]
-        within = (heights > low) & (heights <= high)
-        return self._points[rows][within], heights[within]
+        found = self._points[rows], self._heights[rows]
+        return _points_between(*found, (low, high), columns, corner, self.cell_size)
 
     def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
         """`between` of the points no more than `band` from a height, in the columns of tops no more
@@ -139,18 +145,16 @@ class SlopeCloud:
         near = self.tops[np.abs(self.tops[:, 2] - height) <= reach, :2]
         if len(near) == 0:
             return np.zeros((0, 2)), np.zeros(0), 0
-        points, heights = self.between(height - band, height + band)
-        low = near.min(axis=0) - 2.0 * self.cell_size
-        cells = ((near - low) / self.cell_size).astype(np.int64)
-        filled = np.zeros(cells.max(axis=0) + 3, np.bool_)
-        filled[tuple(cells.T)] = True
-        filled = maximum_filter(filled, 3)
-        kept = np.flatnonzero(
-            points_within(points, low, low + self.cell_size * np.array(filled.shape))
-        )
-        i, j = ((points[kept] - low) / self.cell_size).astype(np.int64).T
-        kept = kept[filled[i.clip(max=len(filled) - 1), j.clip(max=filled.shape[1] - 1)]]
-        return points[kept], heights[kept], len(near)
+        corner = near.min(axis=0) - 2.0 * self.cell_size
+        cells = ((near - corner) / self.cell_size).astype(np.int64)
+        columns = np.zeros(cells.max(axis=0) + 3, np.bool_)
+        columns[tuple(cells.T)] = True
+        columns = maximum_filter(columns, 3)
+        return *self.between(height - band, height + band, columns, corner), len(near)
+
+    def over(self, low: float, high: float) -> Array:
+        """(n, 2) x and y of all points higher than `low` and no higher than `high`."""
+        return self.between(low, high, np.zeros((0, 0), np.bool_), np.zeros(2))[0]
 
     def rays(self, height: float, band: float) -> tuple[Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
@@ -239,6 +243,32 @@ def _sorted_by_height(
     return at, heights, start
 
 
+@njit(cache=True, nogil=True)
+def _points_between(
+    points: Array,
+    heights: Array,
+    span: tuple[float, float],
+    columns: Mask,
+    corner: Array,
+    size: float,
+) -> tuple[Array, Array]:
+    """`SlopeCloud.between` of points (n, 2) and heights (n,)."""
+    at, kept = np.empty_like(points), np.empty_like(heights)
+    count = 0
+    for p in range(len(points)):
+        if not span[0] < heights[p] <= span[1]:
+            continue
+        # only in the columns asked for
+        x, y = points[p, 0], points[p, 1]
+        if columns.size:
+            i, j = math.floor((x - corner[0]) / size), math.floor((y - corner[1]) / size)
+            if not (0 <= i < columns.shape[0] and 0 <= j < columns.shape[1] and columns[i, j]):
+                continue
+        at[count, 0], at[count, 1], kept[count] = x, y, heights[p]
+        count += 1
+    return at[:count].copy(), kept[:count].copy()
+
+
 def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | None:
     """The layer at a height; None where nothing was measured there.
 
@@ -252,40 +282,48 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
     if len(on) == 0:
         return None
     rise_from = max(band, RISE_FROM_M)
-    over, _ = cloud.between(height + rise_from, height + rise_from + RISE_TO_M - RISE_FROM_M)
-    raster = Raster(on, _pixel_side(cloud, on, tops), WIDEST_M + 2.0 * PIXEL_M[1])
-    pixel = raster.pixel
-    at, rises = raster.at(on), raster.middles(raster.at(over))
-    middles = raster.middles(at)
+    over = cloud.over(height + rise_from, height + rise_from + RISE_TO_M - RISE_FROM_M)
+    spacing = cloud.cell_size * math.sqrt(tops / len(on))
+    low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
+    pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
+    raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
+    at = (on - raster.origin) / pixel
+    measured, things = pixel_sums(at, heights, raster.shape), raster.counts(over)
+    # what was measured about what rises is its foot
+    risen = rises = things[0] > 0.0
+    if rises.any():
+        risen = maximum_filter(rises, 2 * max(1, round((spacing + noise) / pixel)) + 1)
+    to_point, who = raster.nearest(np.vstack([pixel_means(measured), pixel_means(things)]))
+    of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
     # gaps that are wider than chance explains, as discs around their pixels
-    to_point = raster.distance(np.vstack([middles, rises]))
     ended, passed = cloud.rays(height, band)
     # a sensor that saw nothing below tells nothing of holes
     ended = ended if len(passed) >= SURE_RAYS else ended[:0]
-    ended, passed = raster.at(ended), raster.at(passed)
-    widest, chance = _chance_discs(raster, to_point, at, NOISY if noise > 0.0 else 1.0)
-    whole, hole = _whole_surface(raster, ended, passed), HOLE_M / pixel
+    ends, passes = raster.counts(ended), raster.counts(passed)
+    times = NOISY if noise > 0.0 else 1.0
+    widest, chance = _chance_discs(raster, to_point, measured[0], times)
+    whole, hole = _whole_surface(raster, ends[0], passes[0]), HOLE_M / pixel
     radius = np.where(whole, chance, np.minimum(chance, hole))
     closed = widest <= chance
     sparse = float((widest[closed & ~whole] > hole).sum() / max(int(closed.sum()), 1))
     gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), hole)
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = raster.middles(passed) if len(passed) else passed
+    rays = pixel_means(passes)
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
     opened = np.maximum(0.5 * away, np.minimum(away, 0.75))
-    inside = _from_discs(raster, gap, rays, opened)
-    # what is not beside what rises is surface, and gaps nearer to that are ends
-    from_end, plain, risen = inside, np.ones(len(at), np.bool_), np.zeros(raster.shape, np.bool_)
-    if len(rises):
-        to_rise = raster.distance(rises)
-        risen = to_rise <= radius / WIDEST
-        plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
-        drops = raster.distance(raster.middles(at[plain])) <= to_rise
-        of_rays = drops.ravel()[raster.cells(rays)]
-        from_end = _from_discs(
-            raster, np.where(drops, gap, np.float32(0.0)), rays[of_rays], opened[of_rays]
-        )
-    surface, top = _layer_heights(raster, at, heights, plain, noise, radius, inside)
+    discs = np.vstack([_pixel_discs(gap), np.column_stack([rays, opened])])
+    i, j = (discs[:, :2] + 0.5).astype(np.int64).T
+    # gaps behind things are no ends
+    behind = of_thing[i, j]
+    from_end = raster.nearest(discs[~behind])[0]
+    inside = np.minimum(from_end, raster.nearest(discs[behind], NEAR_PIXELS)[0])
+    averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
+    # of the points, those of the surface's top, and none of things' feet if there are others
+    least = maximum_filter(measured[4], 3) - SHEET_M - 2.0 * noise
+    sums = _sums_from(at, heights, np.where(risen, np.inf, least), height)
+    if not sums[0].any():
+        sums = _sums_from(at, heights, least, height)
+    surface = _surface_heights(sums, noise, raster.width(averaged)) + np.float32(height)
     return Layer(
         height,
         raster.origin,
@@ -293,82 +331,81 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
         inside * np.float32(pixel),
         from_end * np.float32(pixel),
         surface,
-        top,
+        _highest_points(raster, measured, noise),
         risen,
         sparse,
     )
 
 
-def _pixel_side(cloud: SlopeCloud, points: Array, tops: int) -> float:
-    """m: about half of what the points are apart, coarser where the layer is large or noisy."""
-    if cloud.noise > 0.0:
-        return PIXEL_M[1]
-    spacing = cloud.cell_size * np.sqrt(tops / len(points))
-    area = float((np.ptp(points, axis=0) + 2.0 * WIDEST_M).prod())
+def _pixel_side(spacing: float, sides: Array) -> float:
+    """m: about half of what the points are apart, coarser where the layer is large."""
+    area = float((sides + 2.0 * WIDEST_M).prod())
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
 
 
-def _chance_discs(raster: Raster, to_point: Field, at: Array, times: float) -> tuple[Field, Field]:
+def _chance_discs(
+    raster: Raster, to_point: Field, count: Array, times: float
+) -> tuple[Field, Field]:
     """(nx, ny) pixels: the radius of the widest disc without points that covers each pixel, and of
     the widest that chance may explain."""
     pixel = raster.pixel
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
-    radius = chance_radius(widest * np.float32(pixel), at, pixel, NARROWEST_M, WIDEST_M)
+    radius = chance_radius(widest * np.float32(pixel), count, pixel, NARROWEST_M, WIDEST_M)
     return widest, np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
 
 
 def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
     """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
-    if len(ended) == 0:
+    if not ended.any():
         return np.zeros(raster.shape, np.bool_)
-    on, through = (
-        raster.sums(raster.cells(at), np.ones(len(at)), 3.0 * TILE_M) for at in (ended, passed)
-    )
+    on, through = window_sums(np.stack([ended, passed]), raster.width(3.0 * TILE_M))
     return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
 
 
-def _from_discs(raster: Raster, gap: Field, rays: Array, opened: Array) -> Field:
-    """(nx, ny) signed distance, in pixels, from the union of discs of radii (nx, ny) around
-    pixels, and of radii (n,) about rays (n, 2)."""
-    i, j = np.nonzero(gap > 0.0)
-    centres = np.vstack([np.column_stack([i, j]), rays])
-    return raster.distance(centres, np.append(gap[i, j].astype(np.float64), opened))
+def _pixel_discs(radius: Field) -> Array:
+    """(n, 3) pixels, and radii, of the pixels (nx, ny) whose radius is above 0."""
+    i, j = np.nonzero(radius > 0.0)
+    return np.column_stack([i, j, radius[i, j]])
 
 
-def _layer_heights(
-    raster: Raster,
-    at: Array,
-    heights: Array,
-    plain: Mask,
-    noise: float,
-    radius: Field,
-    inside: Field,
-) -> tuple[Field, Field]:
-    """(nx, ny) m, height of the surface, and of the highest point of each pixel."""
-    cell, size = raster.cells(at), raster.shape[0] * raster.shape[1]
-    top = np.full(size, -np.inf)
-    np.maximum.at(top, cell, heights)
-    highest = maximum_filter(top.reshape(raster.shape), 3).ravel()
-    kept = plain & (heights >= highest[cell] - SHEET_M - 2.0 * noise)
-    if not kept.any():
-        kept = plain if plain.any() else np.ones(len(at), np.bool_)
-    low = float(heights[kept].mean())
-    side = TILE_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
-    off, own = heights[kept] - low, cell[kept]
-    count, total = (raster.sums(own, off**power, side) for power in range(2))
-    held = count > 0.5
-    mean = np.where(held, total / np.maximum(count, 1e-9), 0.0)
-    surface = mean + low
+@njit(cache=True, nogil=True)
+def _sums_from(at: Array, heights: Array, least: Array, low: float) -> Array:
+    """(3, nx, ny) of each pixel: how many of the points (n, 2), in pixels, and heights (n,) are no
+    lower than `least` (nx, ny), and the sums of their heights above `low` and of the squares."""
+    sums = np.zeros((3, *least.shape))
+    for p in range(len(at)):
+        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
+        if heights[p] >= least[i, j]:
+            off = heights[p] - low
+            sums[0, i, j] += 1.0
+            sums[1, i, j] += off
+            sums[2, i, j] += off * off
+    return sums
+
+
+def _surface_heights(sums: Array, noise: float, near: int) -> Field:
+    """(nx, ny) m, heights of the surface from `_sums_from`; inf far from all points.
+
+    Args:
+        near: pixels along the squares over which heights are averaged.
+    """
+    surface = np.full(sums.shape[1:], np.inf)
+    for width in (FILLED * near, near):  # what is near counts where there is any
+        count, total, squares = window_sums(sums, width)
+        held = count > 0.5
+        surface[held] = total[held] / count[held]
     if noise > 0.0:  # between two levels there is no surface
-        squares = raster.sums(own, off**2, side)
-        surface[held & (squares / np.maximum(count, 1e-9) - mean**2 > noise**2)] = np.inf
-    if not held[inside > -2.0].all():  # further away the nearest holds
-        _, who = raster.nearest(np.argwhere(held).astype(np.float64))
-        surface = surface[held][who]
+        count = np.maximum(count, 1.0)
+        surface[held & (squares / count - (total / count) ** 2 > noise**2)] = np.inf
+    return surface.astype(np.float32)
+
+
+def _highest_points(raster: Raster, measured: Array, noise: float) -> Field:
+    """(nx, ny) m, the highest point under what touches there, of `pixel_sums` of all."""
+    top = measured[4]
     if noise > 0.0:  # single points say nothing
-        many, sums = (raster.sums(cell, (heights - low) ** p, TOP_WINDOW_M) for p in range(2))
-        top = np.where(many > FEWEST_ON_TOP - 0.5, sums / np.maximum(many, 1.0) + low, -np.inf)
+        many, total = window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
+        top = np.where(many > FEWEST_ON_TOP - 0.5, total / np.maximum(many, 1.0), -np.inf)
     # what lies within a coarse pixel beside a point that touches is under the object
-    beside = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
-    highest = maximum_filter(top.reshape(raster.shape), beside)
-    return surface.astype(np.float32), highest.astype(np.float32)
+    wide = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
+    return np.asarray(maximum_filter(top, wide).astype(np.float32))

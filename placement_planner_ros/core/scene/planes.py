@@ -424,13 +424,13 @@ def _grow_planes(
     """
     nx, ny, nz = boxes.number_at.shape
     size = boxes.cell_size
-    label = np.full(len(means), -1, np.int64)
+    label, tried = np.full(len(means), -1, np.int64), np.zeros(len(means), np.bool_)
     queue = np.empty(len(means), np.int64)
     found = np.empty((len(means) // _FEWEST + 1, 10))
     moments = np.empty(10)
     count = 0
     for seed in order:
-        if label[seed] >= 0:
+        if label[seed] >= 0 or tried[seed]:
             continue
         # a plane begins where what was fitted goes through the box itself
         height, gx, gy = fits[seed, 0], fits[seed, 1], fits[seed, 2]
@@ -467,7 +467,7 @@ def _grow_planes(
                 if stands:
                     gx, gy = a, b
                     height = moments[3] - gx * moments[1] - gy * moments[2]
-        # a small one gives its boxes back
+        # a small one gives its boxes back, from which none begins again
         _, _, _, stands = _solve_slope(moments)
         if tail >= _FEWEST and stands:
             found[count] = moments
@@ -475,4 +475,5 @@ def _grow_planes(
         else:
             for t in range(tail):
                 label[queue[t]] = -1
+                tried[queue[t]] = True
     return label, found[:count].copy()

@@ -20,7 +20,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.ndimage import uniform_filter
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -51,55 +50,37 @@ class Raster:
     """A grid of pixels around points, which are in metres until `at` has them in pixels.
 
     Args:
-        points: (n, 2) m.
+        low, high: (2,) corners of them, m.
         pixel: side of a pixel, metres.
         rim: m around the points.
     """
 
-    def __init__(self, points: Array, pixel: float, rim: float) -> None:
+    def __init__(self, low: Array, high: Array, pixel: float, rim: float) -> None:
         self.pixel = pixel
-        self.origin = points.min(axis=0) - rim
-        shape = np.ceil((points.max(axis=0) + rim - self.origin) / pixel).astype(int) + 1
+        self.origin = low - rim
+        shape = np.ceil((high + rim - self.origin) / pixel).astype(int) + 1
         self.shape = (int(shape[0]), int(shape[1]))
 
-    def at(self, points: Array) -> Array:
-        """(n, 2) in pixels, of those points (k, 2) that are on the raster."""
+    def counts(self, points: Array) -> Array:
+        """`pixel_sums`, without heights, of those points (k, 2), m, that are on the raster."""
         at = (points - self.origin) / self.pixel
-        return at[points_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
+        at = at[points_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
+        return pixel_sums(at, np.zeros(0), self.shape)
 
-    def cells(self, at: Array) -> Rows:
-        """(n,) pixels of points, in one row."""
-        i, j = (at + 0.5).astype(np.int64).T
-        return np.asarray(i * self.shape[1] + j)
+    def width(self, side: float) -> int:
+        """Pixels, an odd number, along a square of that side, metres, or a little less."""
+        return 2 * int(0.5 * side / self.pixel) + 1
 
-    def middles(self, at: Array) -> Array:
-        """(m, 2) the mean of the points (n, 2) in each pixel that has any."""
-        cell = self.cells(at)
-        many = np.bincount(cell)
-        held = np.flatnonzero(many)
-        sums = [np.bincount(cell, weights=at[:, axis])[held] for axis in range(2)]
-        return np.column_stack(sums) / many[held, None]
-
-    def sums(self, cell: Rows, values: Array, side: float) -> Array:
-        """(nx, ny) sums over the square of that side, metres, around each pixel, of values (n,)."""
-        width = 2 * int(0.5 * side / self.pixel) + 1
-        image = np.bincount(cell, weights=values, minlength=self.shape[0] * self.shape[1])
-        around = uniform_filter(image.reshape(self.shape), width, mode="constant")
-        return np.asarray(width**2 * around)
-
-    def distance(self, at: Array, weight: Array | None = None) -> Field:
-        """(nx, ny) pixels to the nearest of points (n, 2), less their weights (n,)."""
-        return self.nearest(at, weight)[0]
-
-    def nearest(self, at: Array, weight: Array | None = None) -> tuple[Field, Index]:
-        """`distance`, and (nx, ny) which point that is, or -1."""
-        near = np.full(self.shape, np.float32(sum(self.shape)))
+    def nearest(self, discs: Array, most: float = math.inf) -> tuple[Field, Index]:
+        """(nx, ny) pixels, no more than `most`, to the nearest of points (n, 2), or of discs (n, 3)
+        of those middles and radii, negative within; and which that is, or -1."""
+        near = np.full(self.shape, np.float32(min(most, sum(self.shape))))
         who = np.full(self.shape, np.int32(-1))
-        elements = np.zeros((len(at), 4))
-        elements[:, :2] = at
-        if weight is not None:
-            elements[:, 3] = weight
-        hand_on_nearest(elements, np.arange(len(at)), near, who)
+        elements = np.zeros((len(discs), 4))
+        elements[:, :2] = discs[:, :2]
+        if discs.shape[1] > 2:
+            elements[:, 3] = discs[:, 2]
+        hand_on_nearest(elements, np.arange(len(discs)), near, who)
         return near, who
 
 
@@ -109,15 +90,72 @@ def points_within(points: npt.NDArray[np.floating], low: Array, high: Array) -> 
     return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
 
 
+@njit(cache=True, nogil=True)
+def pixel_sums(at: Array, heights: Array, shape: tuple[int, int]) -> Array:
+    """(5, nx, ny) of the points (n, 2), in pixels, and heights (n,) of each pixel.
+
+    How many there are; the sums of their positions along x and y, and of their heights; and the
+    greatest height, -inf where there is none. The first three without heights.
+    """
+    sums = np.zeros((5 if len(heights) else 3, *shape))
+    sums[4:] = -np.inf
+    for p in range(len(at)):
+        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
+        sums[0, i, j] += 1.0
+        sums[1, i, j] += at[p, 0]
+        sums[2, i, j] += at[p, 1]
+        if len(heights):
+            sums[3, i, j] += heights[p]
+            sums[4, i, j] = max(sums[4, i, j], heights[p])
+    return sums
+
+
+def pixel_means(sums: Array) -> Array:
+    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
+    held = sums[0] > 0.0
+    return np.column_stack([sums[1][held], sums[2][held]]) / sums[0][held][:, None]
+
+
+@njit(cache=True, nogil=True)
+def window_sums(images: Array, width: int) -> Array:
+    """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
+    number, nx, ny = images.shape
+    half = width // 2
+    result, along = np.empty_like(images), np.empty((nx, ny))
+    for n in range(number):
+        # along each row, what comes in and what goes
+        for i in range(nx):
+            total = 0.0
+            for j in range(-half, ny):
+                if j + half < ny:
+                    total += images[n, i, j + half]
+                if j - half - 1 >= 0:
+                    total -= images[n, i, j - half - 1]
+                if j >= 0:
+                    along[i, j] = total
+        # and so for whole rows
+        column = np.zeros(ny)
+        for i in range(-half, nx):
+            if i + half < nx:
+                column += along[i + half]
+            if i - half - 1 >= 0:
+                column -= along[i - half - 1]
+            if i >= 0:
+                result[n, i] = column
+    return result
+
+
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _take_nearer(elements: Array, k: int, i: int, j: int, near: Field, who: Index) -> None:
+def _take_nearer(
+    elements: Array, k: int, i: int, j: int, near: Field, who: Index, changed: Mask
+) -> None:
     """Take element k, if there is one, for the nearest of pixel (i, j) where it is."""
     if k >= 0 and k != who[i, j]:
         dx, dy = elements[k, 0] - i, elements[k, 1] - j
         reach = near[i, j] + elements[k, 3]
         square = dx * dx + dy * dy + elements[k, 2]
         if reach > 0.0 and square < reach * reach:
-            near[i, j], who[i, j] = math.sqrt(square) - elements[k, 3], k
+            near[i, j], who[i, j], changed[i] = math.sqrt(square) - elements[k, 3], k, True
 
 
 @njit(cache=True, nogil=True)
@@ -129,23 +167,25 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
 
     Args:
         elements: (n, 4) x and y, each within half a pixel of a pixel of the raster; the square of
-            its height above the raster; its weight.
+            its height above the raster, which grows from one call to the next; its weight.
         entering: (k,) of them.
         near, who: (nx, ny) distance to the nearest and its number, or -1: updated.
     """
     nx, ny = near.shape
-    # distances to those that are known, whose heights may have changed
+    changed = np.zeros(nx, np.bool_)  # rows in which something did
+    # distances to those that are known, where they are higher now
     for i in range(nx):
         for j in range(ny):
-            if who[i, j] >= 0:
-                k = who[i, j]
+            k = who[i, j]
+            if k >= 0 and elements[k, 2] > 0.0:
                 dx, dy = elements[k, 0] - i, elements[k, 1] - j
                 near[i, j] = math.sqrt(dx * dx + dy * dy + elements[k, 2]) - elements[k, 3]
+                changed[i] = True
     # each pixel begins with the nearest of those in it
     for k in entering:
         i = min(max(int(elements[k, 0] + 0.5), 0), nx - 1)
         j = min(max(int(elements[k, 1] + 0.5), 0), ny - 1)
-        _take_nearer(elements, k, i, j, near, who)
+        _take_nearer(elements, k, i, j, near, who, changed)
     # those of other pixels are half a pixel away at least, but for their weights
     sure = 0.5
     for k in range(len(elements)):
@@ -155,17 +195,19 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
         for row in range(nx):
             i = row if step > 0 else nx - 1 - row
             m = i - step
-            if 0 <= m < nx:
+            if 0 <= m < nx and (changed[m] or changed[i]):
                 for j in range(ny):  # from the three pixels of the row before
                     if near[i, j] > sure:
                         for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            _take_nearer(elements, who[m, n], i, j, near, who)
+                            _take_nearer(elements, who[m, n], i, j, near, who, changed)
+            if not changed[i]:
+                continue
             for j in range(1, ny):  # along the row, there and back
                 if near[i, j] > sure:
-                    _take_nearer(elements, who[i, j - 1], i, j, near, who)
+                    _take_nearer(elements, who[i, j - 1], i, j, near, who, changed)
             for j in range(ny - 2, -1, -1):
                 if near[i, j] > sure:
-                    _take_nearer(elements, who[i, j + 1], i, j, near, who)
+                    _take_nearer(elements, who[i, j + 1], i, j, near, who, changed)
 
 
 @njit(cache=True, nogil=True)
@@ -207,43 +249,57 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
     return widest
 
 
-def chance_radius(widest: Field, points: Array, pixel: float, least: float, most: float) -> Field:
+def chance_radius(widest: Field, count: Array, pixel: float, least: float, most: float) -> Field:
     """(nx, ny) m, the widest disc without points that is no gap, for each pixel of a raster.
 
     Args:
         widest: (nx, ny) m, the widest disc without points that covers each pixel.
-        points: (k, 2) in pixels.
+        count: (nx, ny) points in each pixel.
         pixel: side of a pixel, metres.
         least, most: bounds of what is returned, metres.
     """
     side = max(1, round(TILE_M / pixel))
-    tiles = -(-widest.shape[0] // side), -(-widest.shape[1] // side)
+    (nx, ny), tiles = widest.shape, tuple(-(-n // side) for n in widest.shape)
     apart = 3  # radii that are tried from one look to the next
-    steps = int(np.ceil(apart * np.log(most / least) / np.log(GROWTH))) + 1
+    steps = math.ceil(apart * math.log(most / least) / math.log(GROWTH)) + 1
     # a pixel is as wide as what holds one point by itself
     radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
     # closed area of each tile and those around it, up to each radius
-    tile = np.add.outer(
-        np.arange(widest.shape[0]) // side * tiles[1], np.arange(widest.shape[1]) // side
-    )
-    step = np.searchsorted(radii, widest.ravel())
-    known = step < len(radii)
-    key = tile.ravel()[known] * len(radii) + step[known]
-    count = np.bincount(key, minlength=tiles[0] * tiles[1] * len(radii))
-    closed = _tile_sums(count.reshape(*tiles, len(radii))).cumsum(axis=2) * pixel**2
+    closed = _tile_sums(_discs_of_tiles(widest, side, radii)).cumsum(axis=2) * pixel**2
     # and how many points there are
-    i, j = np.clip(points / side, 0, np.array(tiles) - 1).astype(np.int64).T
-    count = np.bincount(i * tiles[1] + j, minlength=tiles[0] * tiles[1])
-    number = _tile_sums(count.reshape(*tiles, 1))
+    padded = np.zeros((tiles[0] * side, tiles[1] * side))
+    padded[:nx, :ny] = count
+    number = _tile_sums(padded.reshape(tiles[0], side, tiles[1], side).sum(axis=(1, 3))[..., None])
     now, later = closed[..., :-apart], closed[..., apart:]
     stays = (later <= STAYS * now) & (now >= AREA_PER_POINT * number * radii[: now.shape[2]] ** 2)
     first = np.where(stays.any(axis=2), stays.argmax(axis=2), now.shape[2] - 1)
     found = np.where(number[..., 0] >= FEWEST_POINTS, radii[first] * WIDEST, least)
     found = np.clip(found, least, most)
     found = np.repeat(np.repeat(found, side, axis=0), side, axis=1)
-    return found[: widest.shape[0], : widest.shape[1]].astype(np.float32)
+    return found[:nx, :ny].astype(np.float32)
 
 
-def _tile_sums(tiles: Rows) -> Array:
+@njit(cache=True, nogil=True)
+def _discs_of_tiles(widest: Field, side: int, radii: Array) -> Array:
+    """(m, n, k) how many pixels of each tile have each radius as that of their widest disc.
+
+    Args:
+        widest: (nx, ny) m; tiles are of `side` pixels.
+        radii: (k,) m, ascending.
+    """
+    nx, ny = widest.shape
+    counts = np.zeros(((nx + side - 1) // side, (ny + side - 1) // side, len(radii)))
+    for i in range(nx):
+        for j in range(ny):
+            if widest[i, j] > radii[-1]:
+                continue
+            step = 0
+            while radii[step] < widest[i, j]:
+                step += 1
+            counts[i // side, j // side, step] += 1.0
+    return counts
+
+
+def _tile_sums(tiles: Array) -> Array:
     """(m, n, k) sums over each tile and the eight around it."""
-    return np.asarray(9.0 * uniform_filter(tiles.astype(np.float64), (3, 3, 1), mode="constant"))
+    return np.moveaxis(window_sums(np.ascontiguousarray(np.moveaxis(tiles, 2, 0)), 3), 0, 2)

@@ -40,7 +40,7 @@ class RegionSettings(Settings):
     )
     height_tolerance: float = setting(0.002, "(0, inf)", "m")
     max_side: float = setting(0.3, "(0, inf)", "m")
-    min_area: float = setting(1e-4, "[0, inf)", "m²")
+    min_area: float = setting(3e-4, "[0, inf)", "m²")
     max_regions: int = setting(200, "[1, inf)")
 
 
@@ -167,13 +167,20 @@ def regions_of_layer(
     flat = disjoint_rectangles(volume.joined[:, :, :2])
     mask &= _pixels_over(layer, flat)
     labels, number = label(mask, np.ones((3, 3)))
+    fewest = settings.min_area / layer.pixel**2
+    large = np.bincount(labels.ravel(), minlength=number + 1) >= fewest
     regions = []
     for piece, bounds in enumerate(find_objects(labels, number), 1):
-        for tile in _tiles_of(bounds, settings.max_side / layer.pixel):
-            of_tile, parts = label(labels[tile] == piece, np.ones((3, 3)))
+        if not large[piece]:
+            continue
+        tiles = list(_tiles_of(bounds, settings.max_side / layer.pixel))
+        for tile in tiles:
+            of_tile, parts = labels[tile] == piece, 1
+            if len(tiles) > 1:
+                of_tile, parts = label(of_tile, np.ones((3, 3)))
             for part in range(1, parts + 1):
                 own = of_tile == part
-                if own.sum() * layer.pixel**2 < settings.min_area:
+                if own.sum() < fewest:
                     continue
                 z = float(np.median(layer.surface[tile][own]))
                 section = volume.section(z) if slope == LEVEL else flat
