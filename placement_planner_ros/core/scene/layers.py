@@ -62,8 +62,6 @@ SURE_RAYS = 12
 if a quarter of it were open, three in a hundred times that many would by chance."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
-FILLED = 5
-"""Times as wide are the squares that heights are averaged over where those hold no point."""
 SHEET_M = 0.0015
 """m below the highest point beside it from which on a point is not of the surface's top."""
 
@@ -291,8 +289,9 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
     measured, things = pixel_sums(at, heights, raster.shape), raster.counts(over)
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
+    foot = max(1, round((spacing + noise) / pixel))
     if rises.any():
-        risen = maximum_filter(rises, 2 * max(1, round((spacing + noise) / pixel)) + 1)
+        risen = maximum_filter(rises, 2 * foot + 1)
     to_point, who = raster.nearest(np.vstack([pixel_means(measured), pixel_means(things)]))
     of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
     # gaps that are wider than chance explains, as discs around their pixels
@@ -323,7 +322,9 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
     sums = _sums_from(at, heights, np.where(risen, np.inf, least), height)
     if not sums[0].any():
         sums = _sums_from(at, heights, least, height)
-    surface = _surface_heights(sums, noise, raster.width(averaged)) + np.float32(height)
+    # within the widest disc, and beyond things' feet, something was measured
+    far = 2 * (math.ceil(float(radius.max())) + foot) + 1
+    surface = _surface_heights(sums, noise, (far, raster.width(averaged))) + np.float32(height)
     return Layer(
         height,
         raster.origin,
@@ -383,14 +384,15 @@ def _sums_from(at: Array, heights: Array, least: Array, low: float) -> Array:
     return sums
 
 
-def _surface_heights(sums: Array, noise: float, near: int) -> Field:
+def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Field:
     """(nx, ny) m, heights of the surface from `_sums_from`; inf far from all points.
 
     Args:
-        near: pixels along the squares over which heights are averaged.
+        widths: pixels along the squares over which heights are averaged, those that hold where
+            the second hold no point first.
     """
     surface = np.full(sums.shape[1:], np.inf)
-    for width in (FILLED * near, near):  # what is near counts where there is any
+    for width in widths:  # what is near counts where there is any
         count, total, squares = window_sums(sums, width)
         held = count > 0.5
         surface[held] = total[held] / count[held]
