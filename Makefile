@@ -38,7 +38,6 @@ figures: install
 	$(BIN)/placement_demo --tour --seed 1 --output build/figures
 	cp build/figures/tour.png build/figures/tour.gif docs/images
 	$(BIN)/python test/by_hand draw_view --output docs/images
-	$(BIN)/python test/by_hand draw_objects --output docs/images
 	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
 	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick
 	$(BENCHMARKS) yardstick --processes 2 --output results/quick

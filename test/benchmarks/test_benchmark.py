@@ -1,8 +1,5 @@
 """The command line: cases that resume, progress, and what works without the drawing library."""
 
-import subprocess
-import sys
-
 from benchmarks import jobs
 from benchmarks.__main__ import main
 from benchmarks.jobs import WorkProgress
@@ -48,29 +45,3 @@ def test_cases_that_find_nothing_are_recorded_and_counted(tmp_path, capsys):
     assert "0 of 1 runs solved" in said
     assert main(command) == 1  # a failure that was recorded before counts again
     assert len(read_lines(tmp_path / "runs.jsonl")) == 1
-
-
-COMMANDS = (
-    "cases", "paper", "yardstick", "report", "speed", "robots", "situations", "clouds", "concepts",
-)  # fmt: skip
-WITHOUT = """
-import sys
-import toppra  # which imports matplotlib itself
-for name in ["matplotlib", "PIL", *sys.modules]:
-    if name.split(".")[0] in ("matplotlib", "PIL"):
-        sys.modules[name] = None
-from benchmarks.__main__ import main
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def without_drawing(*arguments):
-    command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def test_the_commands_are_there_without_matplotlib():
-    ended = without_drawing("--help")
-    assert ended.returncode == 0
-    for command in COMMANDS:
-        assert f"    {command} " in ended.stdout

@@ -100,12 +100,6 @@ def test_seconds_count_from_the_first_placement_on(clock, capsys):
     assert "objective 0.2500" in said
 
 
-def test_a_search_that_ends_by_itself_is_not_waited_for(clock):
-    planner = Planner(clock, first_after=2.0, ends_after=5.0)
-    search.search(planner, 60.0, alive, ProgressLine())
-    assert planner.stopped_at == pytest.approx(5.0, abs=1.0)
-
-
 def test_nothing_found_says_how_long_and_why(clock):
     planner = Planner(clock)
     with pytest.raises(
@@ -121,18 +115,6 @@ def test_a_refused_start_says_the_nodes_words(clock):
         search.search(Planner(clock, refusal=refusal), 10.0, alive, ProgressLine())
 
 
-@pytest.mark.parametrize("code", ["NO_NODE", "NO_ANSWER"])
-def test_a_node_that_falls_silent_is_told_from_one_that_found_nothing(clock, code):
-    planner = Planner(clock, first_after=1.0)
-
-    def stop(run):
-        raise PlacementError(code, "words")
-
-    planner.stop = stop
-    with pytest.raises(DemoError, match="does not answer"):
-        search.search(planner, 3.0, alive, ProgressLine())
-
-
 class Waiting:
     """A client of a node that is not ready for so many seconds."""
 
@@ -143,12 +125,6 @@ class Waiting:
         self.clock.sleep(seconds)
         if self.clock.now < self.ready_at:
             raise PlacementError("NOT_READY", "compiling kernels: 3 of 175")
-
-
-def test_waiting_says_what_the_node_does(clock, capsys):
-    status = SimpleNamespace(lacking="compiling kernels: 3 of 175")
-    search.wait_until_ready(Waiting(clock, 30.0, status), alive, ProgressLine())
-    assert "compiling kernels: 3 of 175" in capsys.readouterr().out
 
 
 def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):
@@ -196,15 +172,6 @@ def test_a_folder_that_cannot_be_written_is_named_before_anything_else(tmp_path,
     assert "what to try" in capsys.readouterr().err
 
 
-def test_a_full_disk_is_named(monkeypatch, tmp_path):
-    def full(path, content):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(DemoError, match=r"(?s)No space left.*make room"):
-        require_folder(tmp_path)
-
-
 def test_faults_of_a_parameter_file_are_told(tmp_path):
     file = tmp_path / "robot.yaml"
     file.write_text("/**:\n  ros__parameters:\n    target_volume: [1.0]\n")
@@ -239,13 +206,6 @@ def test_an_object_of_ones_own_goes_to_the_bundled_scene(tmp_path):
     np.testing.assert_allclose(np.ptp(setting.vertices, axis=0), (0.03, 0.05, 0.1))
     usual = setting.robot.configuration(START_CONFIGURATION)
     np.testing.assert_allclose(setting.q_start, usual)
-
-
-def test_what_the_file_says_counts_before_what_is_told_of_the_scene(tmp_path):
-    given = [0.2, -0.3, -0.05, 0.6, 0.3, 0.02]
-    setting = of_file(own_box(tmp_path, f"    target_volume: {given}\n"), "table")
-    assert "target_volume" not in setting.parameters
-    assert [*setting.scene.volume.lower, *setting.scene.volume.upper] == given
 
 
 # --- the real one

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import operator
 from dataclasses import asdict, replace
 
@@ -18,12 +17,10 @@ from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner
 from benchmarks.cases import Case
 from benchmarks.evaluation.comparisons import (
     compare,
-    first_times,
     solved_in_every_run,
-    times_to_pass_baseline,
 )
 from benchmarks.evaluation.paper import PRESETS, preset_trials
-from benchmarks.evaluation.relative import Scale, area_under_curve, time_to_reach, values_at
+from benchmarks.evaluation.relative import Scale, area_under_curve, values_at
 from benchmarks.evaluation.resampling import mean_interval
 from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.jobs import run_jobs
@@ -86,13 +83,6 @@ def test_the_relative_objective_is_1_at_the_best_0_at_random_and_clipped_below_o
         Scale(best=0.1, random=0.1)
 
 
-def test_a_value_holds_until_the_next_and_is_zero_before_the_first():
-    np.testing.assert_array_equal(
-        values_at(np.array([0.0, 0.99, 1.0, 2.9, 3.0, 50.0]), STEPS), [0, 0, 0.5, 0.5, 0.9, 0.9]
-    )
-    np.testing.assert_array_equal(values_at(np.array([0.0, 9.0]), []), [0.0, 0.0])
-
-
 def test_the_area_under_the_curve_is_the_mean_over_time():
     assert area_under_curve(STEPS, 4.0) == pytest.approx((2 * 0.5 + 1 * 0.9) / 4)
     assert area_under_curve(STEPS, 2.0) == pytest.approx(0.5 / 2)
@@ -100,13 +90,6 @@ def test_the_area_under_the_curve_is_the_mean_over_time():
     assert area_under_curve([], 4.0) == 0.0
     fine = np.linspace(0, 4, 40_001)[:-1]
     assert area_under_curve(STEPS, 4.0) == pytest.approx(values_at(fine, STEPS).mean(), abs=1e-3)
-
-
-def test_time_to_reach():
-    assert time_to_reach(STEPS, 0.5) == 1.0
-    assert time_to_reach(STEPS, 0.6) == 3.0
-    assert time_to_reach(STEPS, 0.95) == math.inf
-    assert time_to_reach([], 0.0) == 0.0
 
 
 def test_bootstrap_of_two_runs_has_the_spread_of_drawing_two_of_two():
@@ -125,14 +108,6 @@ def test_bootstrap_counts_cases_alike_and_draws_within_them():
     np.testing.assert_array_equal(curves.mean, [1.0, 3.0])
 
 
-def test_bootstrap_interval_covers_like_the_normal_one():
-    values = np.random.default_rng(1).normal(3.0, 2.0, 200)
-    found = mean_interval([values], np.random.default_rng(0))
-    half = 1.96 * values.std() / math.sqrt(200)
-    assert found.low == pytest.approx(values.mean() - half, abs=0.05)
-    assert found.high == pytest.approx(values.mean() + half, abs=0.05)
-
-
 def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
     results = some_results()
     assert results.scales[TABLE] == Scale(0.4, 0.0)
@@ -143,16 +118,6 @@ def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
     assert [record["variant"] for record in results.failed()] == ["uniform+lo"]
     assert solved_in_every_run(results, "optimistic+lo") == 2
     assert solved_in_every_run(results, "uniform+lo") == 1
-
-
-def test_results_need_runs_and_yardsticks():
-    with pytest.raises(ParameterError, match="none recorded"):
-        EvaluationResults.of([], [])
-    with pytest.raises(ParameterError, match="python -m benchmarks yardstick"):
-        EvaluationResults.of([recorded(TABLE, "optimistic+lo", 0, [0.1])], [])
-    nothing = recorded(TABLE, "optimistic+lo", 0, [])
-    with pytest.raises(ParameterError, match="no run and no exhaustive search"):
-        EvaluationResults.of([nothing], [yardstick(TABLE, None, 0.0)])
 
 
 def test_differences_are_paired_by_seed_and_pooled_over_cases():
@@ -166,22 +131,6 @@ def test_differences_are_paired_by_seed_and_pooled_over_cases():
     assert float(comparison.pooled.mean) == pytest.approx((0.5 + 0.375) / 2)
     assert float(comparison.pooled.low) == pytest.approx((0.25 + 0.375) / 2)
     assert compare(some_results(), "optimistic") is None
-
-
-def test_times_to_the_first_and_past_the_baseline():
-    results = some_results()
-    np.testing.assert_array_equal(first_times(results, "uniform+lo", [TABLE]), [1.0, np.inf])
-    np.testing.assert_array_equal(times_to_pass_baseline(results), [2.0, 1.0])
-
-
-def test_presets_hold_what_they_say():
-    quick = preset_trials(PRESETS["quick"])
-    assert len(quick) == 24 * (5 * 5 + 2)
-    assert {t.time_limit for t in quick if t.variant == "baseline"} == {60.0}
-    full = preset_trials(PRESETS["full"], ["optimistic+lo"])
-    assert len(full) == 24 * 20
-    assert {t.time_limit for t in full} == {120.0}
-    assert len({t.key for t in quick}) == len(quick)
 
 
 def test_a_torn_last_line_is_cut_off_and_any_other_damage_told(tmp_path):
@@ -231,19 +180,6 @@ def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
     assert "FAILED: RuntimeError: the cloud caught fire" in said[-1]
     assert "the cloud caught fire" in record["failure"]
     assert (record["seed"], record["solutions"]) == (3, [])
-
-
-def test_a_run_that_finds_nothing_says_why():
-    record = run_trial(Trial(TABLE, "optimistic+lo", 0, 1e-3))
-    assert record["solutions"] == []
-    assert "no sample was tried" in record["failure"]
-
-
-def test_trials_refuse_unknown_variants_and_times():
-    with pytest.raises(ParameterError, match="variant"):
-        Trial(TABLE, "magic", 0, 1.0)
-    with pytest.raises(ParameterError, match="seconds"):
-        Trial(TABLE, "optimistic+lo", 0, 0.0)
 
 
 def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys, monkeypatch):
@@ -310,12 +246,6 @@ def test_the_yardstick_is_better_than_random_and_says_what_may_be_left():
     assert record["best"] > 0.39 > record["random"]
     assert record["most"] >= record["best"]
     assert record["complete"] == (record["most"] <= record["best"] * 1.02)
-
-
-def test_jobs_run_here_by_default():
-    assert list(spread(operator.neg, [1, 2, 3])) == [(1, -1), (2, -2), (3, -3)]
-    with pytest.raises(ParameterError, match="processes"):
-        list(spread(operator.neg, [1], 0))
 
 
 def test_jobs_spread_over_processes():

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-import trimesh
 
 from benchmarks.__main__ import main
 from benchmarks.robots.command import RAW_FILE, robots_table
@@ -61,21 +60,6 @@ def test_what_a_file_gives_is_read(given):
     assert (len(vertices), len(triangles)) == (16, 24)
     file.write_text(FILE.replace("package://placement_planner_ros/urdf/yumi.urdf", "package://a/b"))
     with pytest.raises(ParameterError, match="robot_description"):
-        read_measured_robot(file, [packages])
-
-
-def test_the_object_is_read_from_its_file(given):
-    file, packages = given
-    mesh = packages.parent / "box.stl"
-    trimesh.creation.box((60.0, 80.0, 100.0)).export(mesh)
-    listed = FILE.index("      vertices:"), FILE.index("placement_scene:")
-    lines = f"      mesh: {mesh}\n      scale: 0.001\n"
-    file.write_text(FILE[: listed[0]] + lines + FILE[listed[1] :])
-    subject = read_measured_robot(file, [packages])
-    assert subject.triangles.shape == (12, 3)
-    np.testing.assert_allclose(np.ptp(subject.vertices, axis=0), (0.06, 0.08, 0.1), rtol=1e-5)
-    mesh.unlink()
-    with pytest.raises(ParameterError, match=r"object\.mesh"):
         read_measured_robot(file, [packages])
 
 

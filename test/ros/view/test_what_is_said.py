@@ -22,14 +22,6 @@ def record_of(*solutions, **values):
     return record
 
 
-def test_improvements_are_kept_in_order_with_where_the_joints_were():
-    record = record_of(solution(1, 0.1, 0.4), solution(2, 0.2, 1.5))
-    assert record.curve == [(0.4, 0.1), (1.5, 0.2)]
-    assert record.best.solution.number == 2
-    assert record.best.positions == {"j": 0.5}
-    assert record.elapsed >= 1.5
-
-
 @pytest.mark.parametrize("run", [0, 6, 8])
 def test_another_run_begins_anew_whatever_its_number(run):
     record = record_of(solution())
