@@ -108,6 +108,7 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.tour and (options.params_file or options.object):
         parser.error("--tour has objects of its own: leave out --params-file and --object")
+    # what is not given
     usual = ("table", "wine_glass", 20.0)
     if options.tour:
         usual = ("cabinet_low_clutter", THINGS[0], 5.0)
@@ -120,17 +121,20 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     require_folder(options.output)
     line.show("  reading robot and object")
+    # the node's file and what it is told besides
     chosen = options.params_file
     setting = (
         bundled(options.scene, options.object) if chosen is None else of_file(chosen, options.scene)
     )
     own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
     arguments = node_arguments(setting.file, own)
+    # a namespace of its own, so that no robot nearby hears
     namespace, log = f"/placement_demo_{os.getpid()}", options.output / "node.log"
     _begin_ros(namespace)
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
     with ExitStack() as running:
+        # node, scene and page run until the block is left
         require_node = running.enter_context(node_running(namespace, arguments, log))
         publishing = running.enter_context(published(setting))
         address = ""
@@ -146,6 +150,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
             line.say("the node gets ready; the first time after installation that takes a while")
             wait_until_ready(planner, check, line)
+            # one thing, or several one after the other
             if options.tour:
                 legs = _tour(Tour(planner, publishing.node, options.seconds, check, line), setting)
                 title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
@@ -153,6 +158,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
                 best = search(planner, options.seconds, check, line)[-1]
                 legs, names = [leg_of("the object", setting, best)], ("placement.png", "motion.gif")
                 title = f"{setting.title}: {options.objective} {best.objective:.4f}"
+        # drawing takes the processor; with the page open, the node is left running
         if not address:
             running.close()
         still, moving = (options.output / name for name in names)

@@ -61,6 +61,7 @@ def _require_alive(process: subprocess.Popen[bytes], log: Path) -> None:
     code = process.poll()
     if code is None:
         return
+    # its last words, mostly the reason
     said = log.read_text(errors="replace").splitlines()[-15:] or ["(it is empty)"]
     remedy = f"read all of {log}; docs/troubleshooting.md is keyed by its messages"
     if code == -signal.SIGKILL:
@@ -79,6 +80,7 @@ def page_served(namespace: str, log: Path) -> Iterator[str]:
     """
     if find_spec("viser") is None:
         raise DemoError("viser is missing, which draws the page", VIEW_REMEDY)
+    # another program may have the usual one
     port = _free_port()
     command = [sys.executable, "-m", "placement_planner_ros", "placement_view"]
     command += ["--host", _HOST, "--port", str(port), "--ros-args", "-r", f"__ns:={namespace}"]
@@ -109,6 +111,7 @@ def _free_port() -> int:
 def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A process that writes all it says to the log, and that Ctrl-C in the terminal spares."""
     try:
+        # in a session of its own Ctrl-C does not reach it
         with log.open("wb") as stream:
             process = subprocess.Popen(
                 command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
@@ -130,6 +133,7 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
 
 
 def _node_program() -> list[str]:
+    # the installed program of this environment, else the module
     beside = Path(sys.executable).parent
     path = f"{beside}{os.pathsep}{os.environ.get('PATH', '')}"
     installed = shutil.which("placement_planner", path=path)

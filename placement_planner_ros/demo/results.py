@@ -26,6 +26,7 @@ def require_folder(folder: Path) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # as large as the files will be together
         probe = folder / ".probe"
         probe.write_bytes(bytes(5_000_000))
         probe.unlink()
@@ -42,6 +43,7 @@ def write_pictures(
         DemoError: a file cannot be written.
     """
     line.show("  drawing the picture", always=True)
+    # both hands, as either may be the one
     hands = [link for arm in setting.arms.values() for link in arm.touch_links]
     stage = Stage(setting.scene, setting.robot, hands, legs)
     try:

@@ -40,6 +40,7 @@ def wait_until_ready(
             planner.wait_until_ready(_LOOK_S)
         except PlacementError as error:
             check()
+            # a node that says nothing and one that is not ready need different remedies
             waited, status = time.monotonic() - began, planner.status
             if waited > (SEEN_WITHIN_S if status is None else READY_WITHIN_S):
                 what = (
@@ -71,6 +72,7 @@ def search(
         check()
         raise DemoError(f"the node refused to start: {error}", PAGE) from error
     began, found = time.monotonic(), list[Solution]()
+    # until a first placement, then for so many seconds more
     end = began + FIRST_WITHIN_S
     try:
         while time.monotonic() < end and not _run_ended(planner, run):
@@ -88,12 +90,14 @@ def search(
         best = planner.stop(run)
     except PlacementError as error:
         check()
+        # silence is told from a search that found nothing
         if error.code in ("NO_NODE", "NO_ANSWER"):
             raise DemoError(f"the node does not answer any more: {error}", BUSY) from error
         raise DemoError(
             f"no placement was found in {time.monotonic() - began:.0f} s: {error}",
             f"the message says what stood in the way; {PAGE}",
         ) from error
+    # what came between the last look and the stop
     for solution in [*_new_solutions(planner, run, found), best]:
         _take_solution(found, solution, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")

@@ -64,6 +64,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     """
     held, robot, scene = object_by_name(object_name), load_yumi(), scene_by_name(scene_name)
     parameters = _told_parameters(scene)
+    # the picture shows V as the node is told
     corners = np.array(parameters["target_volume"])
     scene = replace(scene, volume=TargetVolume(corners[:3], corners[3:]))
 
@@ -102,11 +103,13 @@ def of_file(file: Path, scene_name: str) -> Setting:
     Raises:
         DemoError: something is wrong with them.
     """
+    # read as placement_check_robot reads it
     findings = Findings()
     given, parameters, start = read_given(file, {}, findings), dict[str, object](), start_in(file)
     scene: Scene | None = None
     if "robot_description" not in given.names and not findings.faults:
         scene = scene_by_name(scene_name)
+        # the bundled robot: what the file does not say is as for its scenes
         told = _told_parameters(scene)
         parameters = {name: told[name] for name in told if name not in given.names}
         given = read_given(file, parameters, findings)
@@ -117,6 +120,7 @@ def of_file(file: Path, scene_name: str) -> Setting:
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
+    # joints that mimic others are published by nobody
     values = zip(subject.robot.joint_names, subject.q_start.tolist(), strict=True)
     positions = {name: value for name, value in values if name not in subject.robot.mimics}
     return Setting(

@@ -51,9 +51,11 @@ class Tour:
         Raises:
             DemoError: no placement was found, or the node does not answer.
         """
+        # the fingers close on another thing
         self.publisher.show(start_configuration(name), at_rest=True)
         self._tell(object_by_name(name))
         found = search(self.planner, self.seconds, self.check, self.line)
+        # as an executive asks before it moves
         still = self.planner.validity(found[-1])
         if not still:
             raise DemoError(f"the placement of {name} does not hold any more: {still.reason}", BUSY)
@@ -89,6 +91,7 @@ def _parameters(held: GraspedObject) -> list[Parameter]:
         "object.center_of_mass": held.center_of_mass.tolist(),
         "object.up": [0.0, 0.0, 1.0] if held.name in _UPRIGHT else [],
     }
+    # poses one after the other, seven numbers each
     for arm, grasps in held.grasps.items():
         values[f"{arm}.grasps"] = np.ravel([pin.SE3ToXYZQUAT(T) for T in grasps]).tolist()
     kinds = Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY

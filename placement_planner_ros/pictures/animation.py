@@ -37,8 +37,10 @@ def draw_animation(
         told: of how many frames are done, and of how many there are.
     """
     duration = sum(leg.motion.duration for leg in stage.legs)
+    # frames are farther apart in time where there would be too many
     step = max(_FRAME_S, duration / _MOST_FRAMES)
     speed = "in real time" if step == _FRAME_S else f"{step / _FRAME_S:.1f} times as fast as it is"
+    # each leg from its beginning to its end
     moments = [
         (number, time)
         for number, leg in enumerate(stage.legs)
@@ -54,6 +56,7 @@ def draw_animation(
     some = side_by_side(frames[:: max(1, len(frames) // 4)], 1)
     palette = some.quantize(255, method=Picture.Quantize.MAXCOVERAGE)
     plain = [frame.quantize(palette=palette, dither=Picture.Dither.NONE) for frame in frames]
+    # the first and the last frame stay a little longer, ms
     durations = [600, *[round(1000 * _FRAME_S)] * (len(plain) - 2), 1500]
     plain[0].save(path, save_all=True, append_images=plain[1:], duration=durations, loop=0)
 

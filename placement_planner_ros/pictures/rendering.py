@@ -35,6 +35,7 @@ class Mesh:
 
 def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
     """The same with those of one colour and alpha as one, which are sooner drawn."""
+    # one draw for each colour
     alike: dict[tuple[Colour, float], list[Mesh]] = {}
     for mesh in meshes:
         alike.setdefault((mesh.colour, mesh.alpha), []).append(mesh)
@@ -82,10 +83,12 @@ class Viewpoint:
             opening: rad that the view is wide.
         """
         width, height = np.asarray(size, dtype=int).tolist()
+        # axes of the camera: to the right, down, along the view
         toward = unit_direction(*towards)
         right = np.cross(-toward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         rotation = np.vstack([right, np.cross(-toward, right), -toward])
+        # half of what is seen at a distance of 1
         half = np.tan(opening / 2) * np.array([1.0, height / width])
         flat = points @ rotation.T
         centre = (flat.min(axis=0) + flat.max(axis=0)) / 2
@@ -99,6 +102,7 @@ class Viewpoint:
 
     def project(self, points: Array) -> Array:
         """(n, 3) world points as pixel u, v and depth."""
+        # perspective: divided by the depth
         seen = (points - self.eye) @ self.rotation.T
         uv = seen[:, :2] / seen[:, 2:] * self.focal_length
         middle = np.array([self.width, self.height]) / 2
@@ -132,6 +136,7 @@ def render(view: Viewpoint, meshes: Sequence[Mesh], behind: Image | None = None)
     for mesh in meshes:
         if mesh.alpha >= 1.0:
             _draw_mesh(view, mesh, colours, depth)
+    # what is translucent is drawn apart, one after the other, and laid over from far to near
     layers = []
     for mesh in meshes:
         if mesh.alpha < 1.0:
@@ -147,6 +152,7 @@ def render(view: Viewpoint, meshes: Sequence[Mesh], behind: Image | None = None)
 
 def _draw_mesh(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    # flat shading by one light
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(length, 1e-30)[:, None]

@@ -28,6 +28,7 @@ def draw_robot(
     """Write a PNG: the robot at q (nq,) with V and, with the hand open, grasps, eight at most."""
     shapes = RobotShapes(robot, [link for arm in arms for link in arm.touch_links])
     shown, panels = [*shapes.at(q), *volume_edges(volume)], []
+    # each arm with the object in its first grasp
     for arm in arms:
         T_world_tip = robot.link_pose(q, arm.tip_frame)
         shown += _axes_at(T_world_tip)
@@ -41,6 +42,7 @@ def draw_robot(
             break
         opened = robot.with_open_hand(q, arm) if arm.gripper_joints else q
         T_world_tip = robot.link_pose(opened, arm.tip_frame)
+        # of each grasp the hand alone, opened as for letting go
         hand = [
             mesh
             for mesh, link in zip(shapes.at(opened), robot.geometry_links, strict=True)

@@ -110,11 +110,13 @@ def volume_edges(volume: TargetVolume) -> list[Mesh]:
 
 def see_through(view: Viewpoint, points: Array, solids: Sequence[Mesh]) -> list[Mesh]:
     """The solids, translucent where they (their hulls) stand before the points (n, 3)."""
+    # forty lines of sight, each from near the eye to just before its target
     targets = points[:: max(1, len(points) // 40)]
     shares = np.linspace(0.3, 0.98, 120)[:, None, None]
     along = (view.eye + shares * (targets - view.eye)).reshape(-1, 3)
     result = []
     for solid in solids:
+        # a line that passes through the hull is hidden
         faces = ConvexHull(solid.vertices).equations
         depth = -(along @ faces[:, :3].T + faces[:, 3]).max(axis=1)
         hidden = (depth.reshape(len(shares), -1) > 1e-3).any(axis=0).mean()

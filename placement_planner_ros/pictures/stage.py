@@ -71,6 +71,7 @@ class Stage:
     ) -> None:
         self.legs, self._model = legs, robot
         self._robot = RobotShapes(robot, hand_links)
+        # scene, ways and where things come to stand
         parts = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
         ways = [leg.motion.path() for leg in legs]
         standing = [moved(leg.vertices, leg.motion.T_world_placed) for leg in legs]
@@ -86,6 +87,7 @@ class Stage:
     def draw(self, number: int, time: float) -> Image:
         """The picture of a leg so many seconds after its beginning; what came before it stands."""
         moment = self.legs[number].motion.at(time)
+        # what came before stands; what comes later is not there yet
         poses = [leg.motion.T_world_placed for leg in self.legs[:number]] + [moment.T_world_object]
         things = [
             Mesh(moved(leg.vertices, T), leg.triangles, COLOURS[k % len(COLOURS)])
@@ -97,12 +99,14 @@ class Stage:
     def _view_of(self, points: Array, parts: Sequence[Mesh]) -> Viewpoint:
         """A view of points (n, 3), the hand at the start, and what is around them."""
         first, last = self.legs[0].motion, self.legs[-1].motion
+        # the first link is the base: seen from across, it faces the eye
         links = self._robot.at(self._model.configuration(first.at(0.0).positions))
         middle, base = 0.5 * (points.min(axis=0) + points.max(axis=0)), links[0].vertices
         front = np.arctan2(*(middle - base.mean(axis=0))[1::-1])
         held = moved(self.legs[0].vertices, first.at(0.0).T_world_object)
         hands = [link.vertices for link in links if link.colour == HAND]
         points = np.vstack([points, held, *hands])
+        # of scene and robot what is around these
         low, high = points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
         links += self._robot.at(self._model.configuration(last.at(last.duration).positions))
         around = np.vstack([mesh.vertices for mesh in (*links, *parts)])

@@ -46,17 +46,20 @@ def complete_cloud(
         raise ParameterError("spacing", spacing, "give a positive distance in metres")
     kept = []
     for part in scene.parts:
+        # what is pressed against a face takes it off the surface
         others = [other for other in scene.parts if other is not part and _are_near(part, other)]
         for face in range(len(part.normals)):
             points = _polygon_points(part.polygon(face), part.normals[face], spacing)
             if bounds is not None:
                 points = points[((points >= bounds[0]) & (points <= bounds[1])).all(axis=1)]
+            # a point of the surface is outside of all others once moved outwards
             moved = points + _OUTWARD * part.normals[face]
             covered = np.zeros(len(points), dtype=bool)
             for other in others:
                 covered |= other.depth(moved) > _STRICT
             kept.append(points[~covered])
     cloud = np.vstack(kept)
+    # edges belong to two faces
     _, first = np.unique(np.round(cloud, 9), axis=0, return_index=True)
     return np.asarray(cloud[np.sort(first)])
 
@@ -76,6 +79,7 @@ def _interval_count(length: float, spacing: float) -> int:
 
 def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     """A lattice along the longest edge over a convex polygon, its corners and edges included."""
+    # axes in the plane, along the longest edge
     following = np.roll(corners, -1, axis=0)
     lengths = np.linalg.norm(following - corners, axis=1)
     u = ((following - corners) / lengths[:, None])[np.argmax(lengths)]
@@ -90,7 +94,9 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     edges = np.roll(flat, -1, axis=0) - flat
     relative = lattice[:, None] - flat
     cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
+    # inside is to the left of every edge
     inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
+    # and evenly along the edges, corners included
     rim = [
         a + np.linspace(0, 1, _interval_count(length, spacing) + 1)[:-1, None] * (b - a)
         for a, b, length in zip(corners, following, lengths, strict=True)
@@ -118,6 +124,7 @@ class DepthCamera:
     @classmethod
     def looking_at(cls, name: str, position: npt.ArrayLike, target: npt.ArrayLike) -> DepthCamera:
         """A camera at `position` that has `target` in the middle and the world's z upwards."""
+        # z forward, x to the right, y down
         forward = np.subtract(target, position).astype(np.float64)
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -210,6 +217,7 @@ def _camera_cloud(
 ) -> CameraCloud:
     f, cx, cy = camera.focal_length, (camera.width - 1) / 2, (camera.height - 1) / 2
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    # through the middle of each pixel, at depth 1
     rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
     depth = np.full((camera.height, camera.width), np.inf)
     for part in parts:
@@ -217,6 +225,7 @@ def _camera_cloud(
 
     seen_depth = _with_flying_pixels(depth, noise, rng)
     seen_depth[~np.isfinite(seen_depth)] = np.nan
+    # noise is along the ray
     error = rng.normal(0.0, noise.range_deviation, depth.shape) if noise.range_deviation else 0.0
     scaled = seen_depth + error / np.linalg.norm(rays, axis=-1)
     if noise.stray_share:
@@ -260,6 +269,7 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
         ahead = np.roll(depth, -1, axis=axis)
         with np.errstate(invalid="ignore"):
             step = ahead - depth
+        # where neighbouring pixels see different things
         edge = np.isfinite(step) & (np.abs(step) > noise.discontinuity)
         edge[(-1, slice(None)) if axis == 0 else (slice(None), -1)] = False
         flying = edge & (rng.random(depth.shape) < noise.flying_share)

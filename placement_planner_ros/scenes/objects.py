@@ -58,6 +58,7 @@ def grasp(
         point: a point of the object on the hand's axis.
         depth: its z in the tip frame, metres.
     """
+    # columns are the tip's axes in the object frame
     x, z = (np.array(v, dtype=np.float64) / np.linalg.norm(v) for v in (closing, approach))
     rotation = np.column_stack([x, np.cross(z, x), z])
     return pin.SE3(rotation, np.array(point, dtype=np.float64) - depth * z).inverse()
@@ -77,6 +78,7 @@ def of_solids(
     center_of_mass: npt.ArrayLike,
 ) -> GraspedObject:
     """An object of solids that touch each other, which both hands hold alike."""
+    # triangles count vertices on from those of the solids before
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     triangles = np.vstack([part.triangles + k for part, k in zip(parts, first, strict=False)])
     triangles.setflags(write=False)

@@ -43,12 +43,15 @@ class ConvexPrimitive:
 
     def __post_init__(self) -> None:
         points = np.asarray(self.vertices, dtype=np.float64)
+        # corners only, in the order given
         points = points[np.sort(ConvexHull(points).vertices)]
         hull = ConvexHull(points)
         triangles = hull.simplices.astype(np.int64)
         a, b, c = (points[triangles[:, i]] for i in range(3))
+        # Qhull's triangles are turned outward
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
         triangles[inward] = triangles[inward][:, ::-1]
+        # facets in one plane are one face
         planes: list[npt.NDArray[np.float64]] = []
         for plane in hull.equations:
             if not any(np.abs(plane - other).max() < _COPLANAR for other in planes):
@@ -67,6 +70,7 @@ class ConvexPrimitive:
     def polygon(self, face: int) -> Array:
         """(k, 3) corners of one flat face, counter-clockwise seen from outside."""
         normal = self.normals[face]
+        # corners of the face, by angle about its middle
         on_plane = np.abs(self.vertices @ normal - self.offsets[face]) < 1e-6
         corners = self.vertices[on_plane]
         u = corners[1] - corners[0]

@@ -72,6 +72,7 @@ def _target_volume(*corners: float) -> TargetVolume:
 
 
 def _cabinet_parts() -> tuple[ConvexPrimitive, ...]:
+    # the outside, then what divides it
     left, right = -0.489, 0.412  # y range; open towards −x
     return (
         box("drawers", (0.366, left, -0.560), (0.810, right, 0.176), _WOOD),
@@ -155,6 +156,7 @@ def table_of_things(volume: TargetVolume) -> Scene:
         ("bar", 0.50, 0.92, 5.0),
         ("small_box", 0.85, 0.86, 60.0),
     ):
+        # places are shares of V's base
         x, y = (lower[:2] + (along, across) * (upper - lower)[:2]).tolist()
         things.append(_thing(name, (x, y, top), degrees))
     table = box("table", (*(lower[:2] - 0.03), top - 0.04), (*(upper[:2] + 0.03), top), _WOOD)

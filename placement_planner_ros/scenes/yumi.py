@@ -31,6 +31,7 @@ _ARM_JOINTS = (1, 2, 7, 3, 4, 5, 6)
 
 
 def _joint_values(left: Iterable[float], right: Iterable[float]) -> Mapping[str, float]:
+    # joint numbers as ABB counts them along the arm
     values = {"gripper_l_joint": GRIPPER_HOLDING, "gripper_r_joint": GRIPPER_HOLDING}
     for side, angles in (("l", left), ("r", right)):
         values |= {

@@ -49,6 +49,7 @@ def curve_data(steps: Sequence[tuple[float, float]], end: float) -> tuple[Array,
         end: seconds up to which the last holds.
     """
     times, values = np.array(steps).T
+    # each value holds until the next, so times are shifted by one against values
     corners = np.repeat([*times, max(end, times[-1])], 2)[1:-1]
     return corners, np.repeat(values, 2)
 
@@ -57,6 +58,7 @@ def rejection_bars(rejected: Mapping[str, int], samples: int) -> str:
     """What became of the samples, a bar for each constraint in the order of the checks."""
     if not samples:
         return f'<div style="{_BOX};color:#666">Nothing tried so far.</div>'
+    # the longest bar is the most frequent reason
     most = max(rejected.values(), default=0) or 1
     rows = "".join(
         '<div style="display:flex;align-items:center;margin:1px 0">'

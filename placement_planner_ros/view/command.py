@@ -37,8 +37,10 @@ HEARD = 0.1
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     asked = catch_signals()
+    # ROS' arguments follow --ros-args
     own, of_ros = own_and_ros(arguments)
     options = make_parser().parse_args(own)
+    # the planner goes first
     os.nice(NICE)
     fault = _address_fault(options.host, options.port)
     if fault:
@@ -48,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     node = Node("placement_view")
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)
+    # without --control there is nothing that could command
     client = PlacementClient(node, options.planner) if options.control else None
     listener = Listener(node, options.planner, None if client is None else client.hearing)
     transforms = Transforms(node)
@@ -55,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     controls = None
     if client is not None:
         controls = Controls(server, client, lambda: page.record.run, lambda: page.solution)
+    # one thread hears, this one draws
     executor, over = SingleThreadedExecutor(), threading.Event()
     executor.add_node(node)
 

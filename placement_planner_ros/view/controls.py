@@ -45,6 +45,7 @@ class Controls:
         self._known: dict[str, Any] = {}
         gui = server.gui
         acts = {_START: self._start, _STOP: self._stop, _CONFIRM: self._confirm}
+        # what acts at once stands above, what changes the next start below
         buttons: Any = gui.add_button_group(
             "Planner",
             tuple(acts),
@@ -68,6 +69,7 @@ class Controls:
 
         What somebody has typed into another field is left as it is.
         """
+        # what the node says now, and what it said before
         before = self._known
         self._known = {name: parameters[name] for name in self._fields if name in parameters}
         for name, value in self._known.items():
@@ -80,6 +82,7 @@ class Controls:
             field.value = " ".join(f"{number:g}" for number in value) if in_words else value
 
     def _do(self, act: Callable[[], str]) -> None:
+        # the node may take a while
         self._answer.content = words.note_html("asking the node …")
         try:
             said = act()
@@ -111,6 +114,7 @@ class Controls:
     def _changed(self) -> dict[str, Any]:
         """What the fields say that the node has not been told."""
         changed = {}
+        # only what differs is sent, so that nothing else is set by a start
         for name, known in self._known.items():
             value = self._fields[name].value
             if name == _VOLUME:

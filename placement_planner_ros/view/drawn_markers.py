@@ -35,6 +35,7 @@ class DrawnMarkers:
         boxes, regions, corners = [], np.zeros((0, 3)), np.zeros((0, 3))
         standing, contacts = [np.zeros((0, 3))], np.zeros((0, 2, 3))
         for marker in message.markers:
+            # what is deleted is not drawn
             if marker.action != Marker.ADD:
                 continue
             if marker.ns == "target_volume":
@@ -52,6 +53,7 @@ class DrawnMarkers:
                 standing.append(_marker_points(marker))
         volume = np.array(boxes).reshape(-1, 2, 3)
         points = np.vstack(standing)
+        # browsers draw nothing at all where one number is none
         finite = (np.isfinite(each).all() for each in (volume, regions, corners, points, contacts))
         if not all(finite):
             raise ValueError("it holds numbers that are not finite")

@@ -66,6 +66,7 @@ class Listener:
     """
 
     def __init__(self, node: Node, planner: str, hearing: Subscriptions | None = None) -> None:
+        # what is small comes by one group; what is large has a pace of its own
         self._node = node
         self._group = MutuallyExclusiveCallbackGroup()
         self.planner = node.resolve_service_name(planner)
@@ -101,6 +102,7 @@ class Listener:
     def look(self) -> None:
         """See whether the node is there, and what it subscribes to."""
         namespace, _, name = self.planner.rpartition("/")
+        # whoever publishes the status is the node
         present = self._node.count_publishers(f"{self.planner}/status") > 0
         if present and not self._present:
             self.parameters.ask_again()
@@ -112,6 +114,7 @@ class Listener:
             heard = self._node.get_subscriber_names_and_types_by_node(name, namespace or "/")
         except RuntimeError:  # its topics are known before its name is, or it has just gone
             return
+        # each input of the node is heard from the first look that shows it on
         for topic, kinds in heard:
             for kind in filter(None, map(_KINDS.get, kinds)):
                 if (topic, kind) not in self._topics:
@@ -137,6 +140,7 @@ class Listener:
     def _large_period(self) -> float:
         if not self.watched:
             return math.inf
+        # a search needs the processor more than the page does
         status = self.hearing.status
         searching = status is not None and status.run > 0 and not status.ended
         return BESIDE_A_SEARCH if searching else LARGE_PERIOD
@@ -151,6 +155,7 @@ class Listener:
         self._fault(topic, "")
 
     def _take_joint_states(self, topic: str, message: JointState) -> None:
+        # drivers may send several between two looks
         for each in (message, *waiting(self._topics[topic, "joints"], _KEPT)):
             self._take_joints(topic, each)
 
@@ -159,6 +164,7 @@ class Listener:
             words = f"{len(message.name)} names and {len(message.position)} positions"
             self._fault(topic, words)
             return
+        # joints that nobody measures are left as they were
         values = zip(message.name, map(float, message.position), strict=True)
         self.positions = self.positions | {n: v for n, v in values if math.isfinite(v)}
         self._fault(topic, "")

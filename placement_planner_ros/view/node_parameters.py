@@ -59,6 +59,7 @@ class NodeParameters:
         self.client.list_parameters(callback=self._listed)
 
     def _hear(self, event: ParameterEvent) -> None:
+        # many may change at once: one question answers all
         others = waiting(self._events, qos_profile_parameter_events.depth)
         if any(each.node == self._planner for each in (event, *others)):
             self._wanted = True
@@ -68,6 +69,7 @@ class NodeParameters:
         if response is None:
             self._wanted = True
             return
+        # all values in one call
         names = list(response.result.names)
 
         def got(values: Future) -> None:

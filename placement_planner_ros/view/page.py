@@ -69,6 +69,7 @@ class Page:
         While nobody has the page open, solutions are remembered and the robot is read, and no more.
         """
         now = time.monotonic()
+        # what has come since the last look
         passed, self._looked_at = now - self._looked_at, now
         watched = self._listener.watched = bool(self._server.get_clients())
         self._remember()
@@ -79,9 +80,11 @@ class Page:
         if not watched:
             return UNWATCHED
         self._choose()
+        # which solution is looked at, and how far its motion has been played
         duration = self._playback.duration if self._playback is not None else 0.0
         self._panel.advance(passed, duration)
         self._move()
+        # what stands around, and what is said of it
         self._look()
         self._draw_clouds()
         self._draw_scene()
@@ -99,6 +102,7 @@ class Page:
 
     def _hear(self) -> None:
         markers, occupancy = self._listener.markers, self._listener.occupancy
+        # messages are read once each: they are the same object until another comes
         if markers is not None and self._is_new("markers heard", Itself(markers)):
             with self._told("markers"):
                 self._markers = DrawnMarkers.of(markers)
@@ -120,6 +124,7 @@ class Page:
         record = self.record
         offered = [(n, each.solution.objective) for n, each in record.improvements.items()]
         self._panel.offer(offered)
+        # 0 is the best, which follows the newest
         chosen = record.improvements.get(self._panel.chosen) or record.best
         if chosen is not self.shown and self._panel.playing and chosen is not None:
             return  # what plays is played to its end
@@ -128,6 +133,7 @@ class Page:
         if not self._is_new("shown", known):
             return
         self._playback = None
+        # its motion, where robot and tip are known
         if chosen is not None:
             with self._told("motion of the placement"):
                 self._playback = self._playback_of(chosen)
@@ -160,9 +166,11 @@ class Page:
     def _move(self) -> None:
         """Robot and object, as they are now or as they will be."""
         at, playback = self._panel.time, self._playback
+        # at 0 the robot is shown as it is now, later as it will be
         moment = playback.at(at) if playback is not None and at > 0.0 else None
         positions = self._listener.positions if moment is None else moment.positions
         joints = self._world.robot.joints if self._world.robot is not None else ()
+        # rounded, so that sensor noise moves nothing
         posture = tuple(round(positions.get(name, 0.0) / _MOVED) for name in joints)
         stage = "" if moment is None else moment.stage
         held = Itself(self._world.object), Itself(playback), self._confirmed
@@ -171,6 +179,7 @@ class Page:
         self._poses = self._world.link_poses(positions)
         self._stage.place_robot(self._poses)
         if moment is None:
+            # in each hand that could hold it, or in the one that the motion is of
             holding = self._holding(self._poses)
         else:
             holding = [moment.T_world_object] if stage in CARRIED else []
@@ -196,6 +205,7 @@ class Page:
     def _draw_clouds(self) -> None:
         for topic, cloud in self._listener.clouds.items():
             count = self._listener.parameters.count
+            # a cloud stands elsewhere where a link that it hangs on has moved
             key = (Itself(cloud), Itself(self._poses), count)
             if self._drawn.get(f"heard {topic}") == key:
                 continue
@@ -211,6 +221,7 @@ class Page:
     def _draw_scene(self) -> None:
         shown, surface = self.shown, self._world.object
         if self._is_new("placement", (Itself(shown), Itself(surface))):
+            # the object where it will stand, and the way there
             name = "" if shown is None else f"placement {shown.solution.number}"
             T = pose_of(shown.solution.pose.pose) if shown is not None else None
             self._stage.draw_placement(surface, T, name)
@@ -235,6 +246,7 @@ class Page:
         """V's boxes (k, 2, 3): of the run, and before there is one by the parameter."""
         if len(self._markers.volume):
             return self._markers.volume
+        # six numbers a box; what is left over is no box
         numbers = np.array(self._world.parameter("target_volume", []), dtype=np.float64)
         return numbers[: len(numbers) // 6 * 6].reshape(-1, 2, 3)
 
@@ -243,15 +255,18 @@ class Page:
         robot, volume = self._world.robot, self._volume
         if robot is None or len(volume) == 0 or not self._listener.positions:
             return
+        # the first place stays until robot or V are others, so that nobody's view jumps
         rounded = tuple(np.round(volume.ravel() / _MOVED).astype(int).tolist())
         if not self._is_new("camera", (Itself(robot), rounded)):
             return
+        # V and the object at the start shall be in view
         held = np.array([T.translation for T in self._holding(self._poses)]).reshape(-1, 3)
         shown = np.vstack([volume.reshape(-1, 3), held])
         middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
         # 0.6 m at least, and 1.3 times as far as the ball around all just fits
         radius = 0.5 * float(np.linalg.norm(np.ptp(shown, axis=0)))
         distance = max(1.3 * radius / np.tan(FIELD_OF_VIEW / 2.0), 0.6)
+        # across V from the robot, a little aside, from above
         root = self._poses.get(robot.root, pin.SE3.Identity()).translation
         azimuth = np.arctan2(*(middle - root)[1::-1]) + _ASIDE
         flat = np.cos(_ELEVATION) * np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -261,6 +276,7 @@ class Page:
 
     def _write(self) -> None:
         record = self.record
+        # a reason is of the best alone: the node checks no older ones
         last = 0 if record.best is None else record.best.solution.number
         reason = "" if record.status is None else record.status.validity.reason
         self._panel.curve.draw(record.curve, float(int(record.elapsed)))

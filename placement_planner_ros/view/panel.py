@@ -31,6 +31,7 @@ class Panel:
 
     def __init__(self, server: viser.ViserServer, show: Callable[[str, bool], None]) -> None:
         gui = server.gui
+        # one panel, wide enough for bars and numbers
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label("placement_view")
         gui.main_panel.dock_right()
@@ -39,6 +40,7 @@ class Panel:
         self._toggled = False
         self._shown: dict[str, str] = {}
         self._numbers: tuple[int, ...] = ()
+        # from above to below: the run, the placement, what plays it, charts, layers
         self._heading = gui.add_html("", order=HEADING)
         self._placement = gui.add_html("")
         self._choice: Any = gui.add_dropdown(
@@ -53,6 +55,7 @@ class Panel:
         self._bars = gui.add_html("")
         self._note = gui.add_html("")
         self._boxes: dict[str, Any] = {}
+        # the layers' names tell their colours, so that this is the legend, too
         with gui.add_folder("Show"):
             for name, words in LAYERS.items():
                 self._boxes[name] = gui.add_checkbox(words, name not in _HIDDEN)
@@ -82,6 +85,7 @@ class Panel:
         if numbers == self._numbers:
             return
         self._numbers = numbers
+        # the choice stays where it is still offered
         chosen = self._choice.value
         options = [BEST, *(f"{number}: ξ {value:.3f}" for number, value in reversed(solutions))]
         self._choice.options = tuple(options)
@@ -97,6 +101,7 @@ class Panel:
 
     def advance(self, seconds: float, duration: float) -> None:
         """Let time go on, unless the slider was moved meanwhile."""
+        # a click comes in another thread; it counts at the next look
         if self._toggled:
             self._toggled = False
             self.playing = not self.playing and duration > 0.0
@@ -104,6 +109,7 @@ class Panel:
                 self.time = 0.0
                 self._slider.value = 0.0
             self._label_play()
+        # a slider that is elsewhere than it was put was moved by hand
         at = float(self._slider.value)
         if abs(at - self.time) > 0.011:
             self.time = at

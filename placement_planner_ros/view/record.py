@@ -58,6 +58,7 @@ class RunRecord:
             positions: of the joints now.
         """
         self.status = status
+        # another run begins anew
         if status.run != self.run:
             self.run, self.improvements = status.run, {}
             self._began, self._ended = time.monotonic(), None
@@ -71,6 +72,7 @@ class RunRecord:
                 self._began = min(self._began, time.monotonic() - found.search_time)
         while len(self.improvements) > MOST:
             del self.improvements[next(iter(self.improvements))]
+        # the clock of the run stands still once it has ended
         if status.ended and self._ended is None:
             self._ended = time.monotonic()
 

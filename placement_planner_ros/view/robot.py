@@ -33,6 +33,7 @@ class ShownRobot:
         description = read_urdf(urdf)
         self._model = description.build_model()
         self._data = self._model.createData()
+        # joints that follow others are computed from these
         self._mimics = {
             name: joint.mimic for name, joint in description.joints.items() if joint.mimic
         }
@@ -56,6 +57,7 @@ class ShownRobot:
 
     def configuration(self, positions: Mapping[str, float]) -> Array:
         """q (nq,): joints that are not named are at zero or the limit next to it."""
+        # zero where a joint is not told, or its limit next to that
         lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
         q = np.clip(np.zeros(self._model.nq), lower, upper)
         for name in self.joints:
@@ -74,6 +76,7 @@ class ShownRobot:
             positions: of joints, rad or m; see `configuration`.
             planning_frame: a link; where it is none, the root.
         """
+        # the same object for the same posture, so that others see that nothing moved
         q = self.configuration(positions)
         key = q.tobytes()
         if self._posed is None or self._posed[:2] != (key, planning_frame):

@@ -58,6 +58,7 @@ def _joined_shapes(
     """All shapes of a link as one mesh in the link's frame."""
     vertices, triangles, count = [], [], 0
     for element in elements:
+        # each element has an origin of its own in the link
         corners, faces = _shape_mesh(element, field, find)
         T_link_shape = read_origin(element, field)
         vertices.append(corners @ T_link_shape.rotation.T + T_link_shape.translation)
@@ -70,6 +71,7 @@ def _shape_mesh(
     element: ET.Element, field: str, find: FindFile
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """One shape in its own frame."""
+    # the first child is the shape
     geometry = element.find("geometry")
     shape = geometry[0] if geometry is not None and len(geometry) else None
     tag = "" if shape is None else shape.tag

@@ -47,6 +47,7 @@ class Stage:
         self._held: list[Any] = []
         self._held_surface: Surface | None = None
         self._parts: dict[str, Any] = {}
+        # one frame for each layer, which hides all that hangs on it
         self._layers = {name: self._scene.add_frame(f"/{name}", show_axes=False) for name in LAYERS}
 
     def show(self, layer: str, visible: bool) -> None:
@@ -73,12 +74,14 @@ class Stage:
 
     def draw_held(self, surface: Surface | None, poses: Sequence[pin.SE3]) -> None:
         """The object in the hand, once for each hand that could hold it."""
+        # another object: the copies of the one before go
         if surface is not self._held_surface:
             self._held_surface = surface
             for handle in self._held:
                 handle.remove()
             self._held = []
         if surface is not None:
+            # a copy for each hand, made when it is needed first
             for k in range(len(self._held), len(poses)):
                 self._held.append(self._mesh(f"held/{k}", surface, colours.HELD))
         for k, handle in enumerate(self._held):
@@ -93,6 +96,7 @@ class Stage:
             return
         self._parts["placed"] = self._mesh("placed/object", surface, colours.PLACED)
         _place(self._parts["placed"], T)
+        # the label floats 4 cm above the highest point
         top = surface[0] @ T.rotation.T + T.translation
         above = (*top.mean(axis=0)[:2], top[:, 2].max() + 0.04)
         self._parts["label"] = self._scene.add_label(
@@ -116,6 +120,7 @@ class Stage:
     def draw_volume(self, boxes: Array) -> None:
         """The edges of V's boxes (k, 2, 3)."""
         lines = [
+            # corners that differ in one bit are the ends of an edge
             [[box[(i >> k) & 1, k] for k in range(3)] for i in (corner, corner | 1 << axis)]
             for box in boxes
             for corner in range(8)
@@ -162,6 +167,7 @@ class Stage:
         if len(points) == 0:  # browsers complain of a cloud without points
             self._clear(name)
             return
+        # relative to the middle, half precision is exact to a millimetre
         middle = points.mean(axis=0)
         self._parts[name] = self._scene.add_point_cloud(
             name,
@@ -175,6 +181,7 @@ class Stage:
 
     def look_from(self, eye: Array, at: Array) -> None:
         """From where whoever opens the page looks at first, and who has it open looks now."""
+        # for those who come, and for those who look now
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.fov = eye, at, FIELD_OF_VIEW
         for client in self._server.get_clients().values():

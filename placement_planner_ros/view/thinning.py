@@ -43,10 +43,12 @@ def thinned_cloud(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
     height, width, count = message.height, message.width, message.height * message.width
     if count == 0:
         return ThinCloud(message.header.frame_id, np.zeros((0, 3)), 0)
+    # as far apart along rows as across them, as long as there are rows enough
     down = min(math.ceil(math.sqrt(count / most)), height)
     along = math.ceil(width / max(1, most // math.ceil(height / down)))
     few = structured_points(message)[::down, ::along]
     points = np.column_stack([few[name].ravel().astype(np.float64) for name in "xyz"])
+    # what was not measured is no point
     finite = np.isfinite(points).all(axis=1)
     return ThinCloud(message.header.frame_id, points[finite], count)
 

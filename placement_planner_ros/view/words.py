@@ -64,6 +64,7 @@ def heading_html(record: RunRecord, absent: str) -> str:
         return _html_block("the node is there; its status has not come yet", "#666")
     if record.run == 0:
         return _html_block(_bold_text("No run yet.") + " " + escape(status.message), "#666")
+    # a run that ended with nothing has its own words
     empty = status.ended and not record.improvements
     alone = f"{status.state} without one" if empty else status.state
     state = _STATES.get(alone, _STATES.get(status.state, status.state))
@@ -98,6 +99,7 @@ def placement_html(
     if solution is None:
         return _html_block("No placement so far.", "#666")
     p = solution.pose.pose.position
+    # whether it is the one that the node would have carried out
     which = "the best so far" if solution.number == last else f"older; the best is {last}"
     where = f"x {p.x:.2f}, y {p.y:.2f}, z {p.z:.2f} m in {escape(solution.pose.header.frame_id)}"
     lines = [
@@ -130,6 +132,7 @@ def refusal_words(error: PlacementError) -> str:
     """What the node refused, a line for each fault, its code last."""
     said = []
     for line in error.words.splitlines() or [""]:
+        # a line that names its fault keeps that code; others have the answer's
         named = _FAULT.fullmatch(line)
         code, fault = named.groups() if named else (error.code, line)
         said.append(" ".join(filter(None, [_REFUSALS.get(code, ""), fault, f"({code})"])))

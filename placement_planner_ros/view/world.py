@@ -91,6 +91,7 @@ class World:
 
     def _update_robot(self) -> None:
         given, heard = self.parameter("robot_description", ""), self._listener.description
+        # what was given as a parameter counts before what comes by topic
         key = (given, "" if given else heard)
         if key == self._robot_key:
             return
@@ -106,6 +107,7 @@ class World:
             else:
                 beside = share_path("urdf", "yumi.urdf")
                 urdf = beside.read_text(encoding="utf-8")
+            # the same search for files as the node's own
             self.robot = ShownRobot(
                 urdf, lambda uri: files.find(uri, trusted=trusted, beside=beside)
             )
@@ -123,6 +125,7 @@ class World:
         vertices = self.parameter("object.vertices", [])
         triangles = self.parameter("object.triangles", [])
         scale = float(self.parameter("object.scale", 1.0))
+        # whatever of these is another makes the object another
         key = (mesh, tuple(vertices), tuple(triangles), scale, Itself(message), drawn.tobytes())
         if key == self._object_key:
             return
@@ -132,6 +135,7 @@ class World:
             if len(drawn):  # what the node has planned for
                 faces = np.arange(len(drawn)).reshape(-1, 3)
                 self.object = drawn, faces
+            # by topic before parameters, as the latest given wins in the node
             elif message is not None:
                 corners = np.array([(p.x, p.y, p.z) for p in message.vertices])
                 faces = np.array([t.vertex_indices for t in message.triangles], np.int64)
@@ -158,6 +162,7 @@ class World:
             return {}
         poses = self.robot.link_poses(positions, self.frame)
         if self.frame and not self.robot.has_link(self.frame):
+            # a planning frame that is no link: only tf2 knows it
             T_planning_root = self._transform(self.frame, self.robot.root)
             if T_planning_root is not None:
                 return {name: T_planning_root * T for name, T in poses.items()}
@@ -168,6 +173,7 @@ class World:
         found = []
         for arm in self.parameter("arms", []):
             tip, grasps = self.tip(arm), self.parameter(f"{arm}.grasps", [])
+            # the first grasp stands for all of an arm
             if tip in poses and len(grasps) >= 7:
                 found.append(poses[tip] * pose_of_numbers(grasps[:7]))
         return found
@@ -186,6 +192,7 @@ class World:
         self, cloud: ThinCloud, poses: Mapping[str, pin.SE3]
     ) -> tuple[Array | None, str]:
         """A cloud's points (n, 3), or None and why not, in words."""
+        # declared poses first, then links, then tf2
         pose = self.parameter(f"sensor_poses.{cloud.frame}", [])
         if len(pose) == 7:
             return moved_points(cloud.points, pose_of_numbers(pose)), ""
@@ -208,6 +215,7 @@ def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
     numbers = np.array(values, dtype=np.float64)
     if numbers.shape != (7,) or not np.isfinite(numbers).all() or not numbers[3:].any():
         raise ValueError(f"{list(values)} is no pose")
+    # people round quaternions
     numbers[3:] /= np.linalg.norm(numbers[3:])
     return pin.XYZQUATToSE3(numbers)
 
