@@ -59,15 +59,6 @@ def polytope_of(points: Array) -> ConvexPart:
     return _part_of(ConvexHull(points))
 
 
-def hull_triangles(points: Array) -> Array:
-    """(t, 3, 3) the hull of points (n, 3), wound counter-clockwise from outside.
-
-    Raises:
-        QhullError: they have no volume.
-    """
-    return polytope_of(points).corners
-
-
 def _part_of(hull: ConvexHull) -> ConvexPart:
     normals = hull.equations[:, :3]
     # Vertices that the hull has, and its triangles as rows of them.

@@ -19,7 +19,11 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.motion.projected import Constraint, ProjectedSteps
+from placement_planner_ros.core.motion.projected import (
+    Constraint,
+    ProjectedSteps,
+    without_repetition,
+)
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
@@ -197,11 +201,6 @@ class GoalSetRRT:
     def goals(self) -> tuple[int, ...]:
         """Keys of the active goals, in the order they became known."""
         return tuple(key for key, goal in self._goals.items() if goal.active)
-
-    @property
-    def node_count(self) -> int:
-        """Nodes in all trees."""
-        return self._count
 
     def add_goal(self, key: int, q: Array) -> None:
         """Make the configuration `q` (dof,) a goal, or re-activate the retired goal `key`.
@@ -492,9 +491,7 @@ class GoalSetRRT:
 
     def _path_to(self, node: int) -> Array:
         path = self._nodes[:, self._branch(node)[::-1]].T
-        moved = np.ones(len(path), dtype=bool)
-        moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
-        return np.ascontiguousarray(path[moved])
+        return np.ascontiguousarray(without_repetition(path))
 
     def _cut_back(self) -> None:
         """Free at least half of the pool, see the class description."""

@@ -105,3 +105,10 @@ class ProjectedSteps:
 
 def _norm_of(difference: Array) -> float:
     return float(np.linalg.norm(difference))
+
+
+def without_repetition(points: Array | list[Array]) -> Array:
+    """The (n, dof) points less those equal to their predecessor."""
+    moved = np.ones(len(points), dtype=bool)
+    moved[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    return np.asarray(points)[moved]

@@ -6,7 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from placement_planner_ros.core.motion.projected import Constraint, ProjectedSteps
+from placement_planner_ros.core.motion.projected import (
+    Constraint,
+    ProjectedSteps,
+    without_repetition,
+)
 from placement_planner_ros.core.types import Array
 
 _PROJECTED_STEP = 1.2
@@ -51,7 +55,7 @@ def shorten_path(
     """
     path = np.array(path, dtype=np.float64)
     # Skip vertices first.
-    points = _skip_vertices(list(_without_repetition(path)), edge_is_free, should_stop)
+    points = _skip_vertices(list(without_repetition(path)), edge_is_free, should_stop)
     best = np.array(points)
     if len(points) < 3:
         return best
@@ -103,7 +107,7 @@ def _cut_short(
             way = _free_walk(along, a, b, high - low, edge_is_free)
             if way is not None:
                 points = [*points[: i + 1], a, *way, *points[j + 1 :]]
-    kept = _without_needless(list(_without_repetition(points)), edge_is_free, should_stop)
+    kept = _without_needless(list(without_repetition(points)), edge_is_free, should_stop)
     return np.array(kept)
 
 
@@ -139,13 +143,6 @@ def _without_needless(
         else:
             i += 1
     return points
-
-
-def _without_repetition(points: Array | list[Array]) -> Array:
-    """The (n, dof) points less those equal to their predecessor."""
-    moved = np.ones(len(points), dtype=bool)
-    moved[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
-    return np.asarray(points)[moved]
 
 
 def _skip_vertices(

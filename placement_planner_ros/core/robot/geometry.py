@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -243,39 +243,34 @@ class _Folders:
 
     def find(self, uri: str) -> Path:
         """The file a mesh URI names: package://, file://, absolute, or relative to a folder."""
-        # Packages of that name.
         parts = urlparse(uri)
+        if parts.scheme not in ("package", "file", ""):
+            raise FileNotFoundError("use package://, file:// or a path")
         if parts.scheme == "package" and not parts.netloc:
             raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
-        if isinstance(self._package_dirs, Mapping):
-            folders = [Path(folder) for folder in self._package_dirs.values()]
-            known = parts.netloc in self._package_dirs
-            packages = [Path(self._package_dirs[parts.netloc])] if known else []
-        else:
-            folders = [Path(folder) for folder in self._package_dirs]
-            packages = [folder / parts.netloc for folder in folders]
-            packages += [folder for folder in folders if folder.name == parts.netloc]
-        # Where the file may be.
+        # Folders that it may be below, and its path from there.
+        places, path = [Path()], unquote(parts.path)
         if parts.scheme == "package":
-            candidates = [package / unquote(parts.path).lstrip("/") for package in packages]
-        elif parts.scheme == "file":
-            candidates = [Path(unquote(parts.path))]
-        elif parts.scheme:
-            raise FileNotFoundError("use package://, file:// or a path")
-        else:
-            candidates = [folder / uri for folder in (Path(), *folders)]
-        for candidate in candidates:
-            if candidate.is_file():
-                return candidate.resolve()
-        # In none of these: say where it was looked for.
-        if parts.scheme == "package" and not packages:
-            known_ones = ", ".join(str(each) for each in self._package_dirs) or "none"
-            raise FileNotFoundError(
-                f"no such file; package {parts.netloc} is not in package_dirs, which has "
-                f"{known_ones}"
-            )
-        tried = ", ".join(map(str, packages if parts.scheme == "package" else candidates))
+            places, path = self._packages(parts.netloc), path.lstrip("/")
+        elif not parts.scheme:
+            places, path = [Path(), *map(Path, self._folders)], uri
+        for place in places:
+            if (place / path).is_file():
+                return (place / path).resolve()
+        tried = ", ".join(map(str, places)) or f"package_dirs, which have no {parts.netloc}"
         raise FileNotFoundError(f"no such file; tried {tried}")
+
+    @property
+    def _folders(self) -> Collection[str | Path]:
+        dirs = self._package_dirs
+        return dirs.values() if isinstance(dirs, Mapping) else dirs
+
+    def _packages(self, name: str) -> list[Path]:
+        """Folders of a package of that name."""
+        if isinstance(self._package_dirs, Mapping):
+            return [Path(self._package_dirs[name])] if name in self._package_dirs else []
+        folders = [Path(folder) for folder in self._package_dirs]
+        return [*(folder / name for folder in folders), *(f for f in folders if f.name == name)]
 
     def read(self, path: Path) -> tuple[Array, Triangles]:
         """Vertices and triangles of a file."""

@@ -93,18 +93,15 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
     remedy = "give what MoveIt's joint_limits.yaml holds: joint_limits, and below it joint by joint"
     if not isinstance(given, Mapping):
         raise RobotError(FIELD, str(given)[:60], remedy)
-    return {
-        str(joint): _read_limits(str(joint), values)
-        for joint, values in given.items()
-        if isinstance(values, Mapping) or _refuse_joint(str(joint), values, remedy)
-    }
-
-
-def _refuse_joint(joint: str, values: object, remedy: str) -> bool:
-    # default_velocity_scaling_factor and the like stand beside joint_limits
-    if isinstance(values, (bool, int, float)):
-        return False
-    raise RobotError(f"{FIELD}: {joint}", str(values)[:60], remedy)
+    limits = {}
+    for joint, values in given.items():
+        # default_velocity_scaling_factor and the like stand beside joint_limits
+        if isinstance(values, (bool, int, float)):
+            continue
+        if not isinstance(values, Mapping):
+            raise RobotError(f"{FIELD}: {joint}", str(values)[:60], remedy)
+        limits[str(joint)] = _read_limits(str(joint), values)
+    return limits
 
 
 def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:

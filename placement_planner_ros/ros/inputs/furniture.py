@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
-from placement_planner_ros.core.body.convex_part import hull_triangles
+from placement_planner_ros.core.body.convex_part import polytope_of
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
@@ -191,4 +191,4 @@ def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
         length = 2.0 * geometry.halfLength
         pill = trimesh.creation.capsule(length, geometry.radius)
         return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
-    return hull_triangles(shape_of(geometry, link).sets[0].vertices)
+    return polytope_of(shape_of(geometry, link).sets[0].vertices).corners

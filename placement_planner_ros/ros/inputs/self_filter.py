@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.convex_part import hull_triangles
+from placement_planner_ros.core.body.convex_part import polytope_of
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
 from placement_planner_ros.core.collision.meshes import mesh_arrays
@@ -307,5 +307,5 @@ def _surfaces_of(shape: Shape) -> tuple[SolidSurface, ...]:
 def _convex_surface(shape: ConvexSet) -> SolidSurface:
     """A polytope, or a point or a line, and what is within its radius."""
     if len(shape.normals):
-        return SolidSurface.of(hull_triangles(shape.vertices), shape.radius)
+        return SolidSurface.of(polytope_of(shape.vertices).corners, shape.radius)
     return SolidSurface.of(shape.vertices[[0, -1, -1]][None], shape.radius)

@@ -168,10 +168,10 @@ def test_nodes_are_bounded_and_search_goes_on():
     for key, q in goals.items():
         rrt.add_goal(key, q)
     rrt.retire_goal(2)
-    found, counts = set(), [rrt.node_count]
+    found, counts = set(), [len(rrt.trees()[0])]
     for _ in range(200):
         solution = rrt.solve(20)
-        counts.append(rrt.node_count)
+        counts.append(len(rrt.trees()[0]))
         if solution is not None:
             assert_sound(rrt, world, solution, goals)
             found.add(solution[0])
