@@ -8,9 +8,9 @@ it UNDECIDED is not free: no configuration, edge or pose passes that is not cert
 What is asked: `arm` (configurations, edges, what a pose of the hand decides), `object` (the object
 on its way straight down: c_f(x)), with `attached_object` for what the arm holds or has
 left behind.
-Kernels: `states`, `edges`, `hand` and `object_kernels` answer these questions with `against_boxes`
+Kernels: `configurations`, `edges` and `swept_object` answer these questions with `against_boxes`
 (a body and the obstacle set), `against_robot` (two bodies) and `pair_tables` (two bodies that two
 joints move, made by `table_filling`), all of which end in `separation` (two convex sets).
-What they read: `shapes` and `spheres` from the robot's meshes, laid out by `arrays` and put in the
-world by `placing` and `placed_object`; the obstacle set from `boxes`.
+What they read: `shapes` and `spheres` from the robot's meshes, flat as `solids`, laid out by
+`arrays` and put in the world by `placing`; the obstacle set from `boxes`.
 """

@@ -13,20 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
-from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_SET,
-    BODY_JOINT,
-    NODE_SET,
-    NODE_SKIP,
-    SET_FIRST_NODE,
-    SET_FIRST_PLANE,
-    SET_FIRST_VERTEX,
-    SET_JOINT,
-    SET_MESH,
-    ArmArrays,
-    ArmScratch,
-)
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_box
 from placement_planner_ros.core.collision.placing import (
     note_hit,
@@ -65,6 +54,11 @@ class BoxArrays(NamedTuple):
     exact levels of `scene.distance_bound.DistanceBound`, and cells per metre."""
     field: npt.NDArray[np.uint8]
     """Its levels."""
+    tops: Array
+    """(m,) heights of the boxes above a plane through the origin; empty where none is support."""
+    support: Array
+    """(4,) the support: height of the contact plane; how near to it tops are of boxes that it is;
+    how far below a set boxes are no matter, and how far below the contact plane; metres."""
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -120,6 +114,21 @@ def layer_range(
     return first, end
 
 
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def _is_support(boxes: BoxArrays, box: int, lowest: float) -> bool:
+    """Whether a box is support, or so far below that it is no matter.
+
+    Args:
+        lowest: height that nothing of the set is below.
+    """
+    above = boxes.tops[box] - boxes.support[0]
+    return bool(
+        abs(above) <= boxes.support[1]
+        or lowest - boxes.corners[box, 5] >= boxes.support[2]
+        or -above >= boxes.support[3]
+    )
+
+
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
     """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
@@ -134,42 +143,16 @@ def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) 
     )
 
 
-class SetsInWorld(NamedTuple):
-    """Convex sets placed in the world, and room to work in."""
-
-    vertices: Array
-    planes: Array
-    """(p, 4) normal and offset."""
-    bounds: Array
-    """(s, 6) box around each set, its radius included, lower then upper corner."""
-    work: Array
-    """(6, 4)."""
-
-
-class SetRows(NamedTuple):
-    """Which rows of `SetsInWorld` make up one set: the hull of vertices, dilated."""
-
-    first_vertex: int
-    last_vertex: int
-    first_plane: int
-    last_plane: int
-    row: int
-    """Of `bounds`."""
-    radius: float
-    closed: bool
-    """Whether the planes enclose the set and nothing more."""
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def polytope_meets_box(
-    world: SetsInWorld,
-    rows: SetRows,
+def _polytope_meets_box(
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    s: int,
     corners: Array,
     box: int,
-    need: float,
-    hit: float,
+    margins: tuple[float, float],
 ) -> int:
-    """A convex set against one box: FREE from distance `need`, COLLIDING below `hit`.
+    """Convex set s, placed, against one box: FREE from distance `need`, COLLIDING below `hit`.
 
     A face plane with all of the box `need` beyond it keeps them apart: along its normal n the box
     reaches down to n·c - |n|·h, with centre c and half extents h. A box whose centre lies below all
@@ -178,12 +161,14 @@ def polytope_meets_box(
 
     Args:
         corners: (m, 6), of which `box` is the box.
+        margins: `need` and `hit`.
 
     Returns:
-        the answer; after FREE, world.work[5, 3] is the plane that keeps them apart, or -1.
+        the answer; after FREE, work[5, 3] is the plane that keeps them apart, or -1.
     """
     # Centre and half extents of the box.
-    planes, work, radius = world.planes, world.work, rows.radius
+    planes, work, radius, sets = scratch.planes, scratch.work, arm.radius[s], arm.sets
+    need, hit = margins
     work[5, 3] = -1.0
     cx = 0.5 * (corners[box, 0] + corners[box, 3])
     cy = 0.5 * (corners[box, 1] + corners[box, 4])
@@ -196,7 +181,7 @@ def polytope_meets_box(
     best = -np.inf
     axis = -1
     # How far centre and box lie beyond each face plane of the set.
-    for v in range(rows.first_plane, rows.last_plane):
+    for v in range(sets[s, at.SET_FIRST_PLANE], sets[s + 1, at.SET_FIRST_PLANE]):
         nx, ny, nz = planes[v, 0], planes[v, 1], planes[v, 2]
         middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
         gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
@@ -211,21 +196,22 @@ def polytope_meets_box(
             axis = v
     if axis >= 0:
         # The centre lies below all planes, so inside the set.
-        if rows.closed and deepest < -BOUND_TOLERANCE_M:
+        # The planes enclose the set, and nothing more unless it is swept.
+        if scratch.sweep[0] == 0.0 and deepest < -BOUND_TOLERANCE_M:
             return COLLIDING
         # Start from that plane's normal, from the box to the set.
         work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
     else:
         # A set without planes: start from the line between the centres.
-        bounds, row = world.bounds, rows.row
-        work[5, 0] = bounds[row, 0] + bounds[row, 3] - 2 * cx
-        work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
-        work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
+        bounds = scratch.bounds
+        work[5, 0] = bounds[s, 0] + bounds[s, 3] - 2 * cx
+        work[5, 1] = bounds[s, 1] + bounds[s, 4] - 2 * cy
+        work[5, 2] = bounds[s, 2] + bounds[s, 5] - 2 * cz
     # The distance between the hull of the vertices and the box, with the radius added.
     return check_separation(
-        world.vertices,
-        rows.first_vertex,
-        rows.last_vertex,
+        scratch.vertices,
+        sets[s, at.SET_FIRST_VERTEX],
+        sets[s + 1, at.SET_FIRST_VERTEX],
         corners,
         box,
         box + 1,
@@ -240,13 +226,11 @@ def open_leaves(
     arm: ArmArrays,
     boxes: BoxArrays,
     scratch: ArmScratch,
-    first_body: int,
-    last_body: int,
-    left_out: int,
+    bodies_asked: tuple[int, int, int],
     need: float,
     hit: float,
 ) -> tuple[int, int]:
-    """Moving bodies first_body..last_body against the field alone, but for `left_out`.
+    """Moving bodies against the field alone.
 
     The field bounds the distance d of any point (`distance_bounds`). A sphere of radius r around
     the point holds a piece of the body: it is `need` away from all boxes where d - r ≥ `need`. A
@@ -254,6 +238,9 @@ def open_leaves(
     d - i < `hit`. What neither settles down to the leaves of the tree is left open.
 
     Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
+
+    Args:
+        bodies_asked: the first, the one after the last, and one that is left out.
 
     Returns:
         FREE (but for the open leaves), COLLIDING, or UNDECIDED where only collisions were looked
@@ -265,11 +252,12 @@ def open_leaves(
     field_grid, field = boxes.field_grid, boxes.field
     count = 0
     result = FREE
+    first_body, last_body, left_out = bodies_asked
     for body in range(first_body, last_body):
         if body == left_out:
             continue
-        joint = bodies[body, BODY_JOINT]
-        first, last = bodies[body, BODY_FIRST_SET], bodies[body + 1, BODY_FIRST_SET]
+        joint = bodies[body, at.BODY_JOINT]
+        first, last = bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]
         # The sphere around all sets; that around a single one is the root of its tree.
         if last - first > 1:
             x, y, z = to_world(
@@ -279,8 +267,8 @@ def open_leaves(
             if lower >= body_spheres[body, 3] + need + BOUND_TOLERANCE_M:
                 continue
         # The trees of all sets in preorder.
-        node = sets[first, SET_FIRST_NODE]
-        end = sets[last, SET_FIRST_NODE]
+        node = sets[first, at.SET_FIRST_NODE]
+        end = sets[last, at.SET_FIRST_NODE]
         while node < end:
             # Bounds on the distance of the node's centre to all boxes.
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
@@ -288,7 +276,7 @@ def open_leaves(
             lower -= spheres[node, 3] + BOUND_TOLERANCE_M
             # The sphere keeps its distance: skip all that is below it.
             if lower >= need:
-                node = nodes[node, NODE_SKIP]
+                node = nodes[node, at.NODE_SKIP]
                 continue
             upper -= inner[node] - BOUND_TOLERANCE_M
             if upper < need:
@@ -299,14 +287,14 @@ def open_leaves(
                 # Part of the body is closer than `need`: only collisions can be found from here on.
                 result = UNDECIDED
                 need = hit
-            if nodes[node, NODE_SET] >= 0:
+            if nodes[node, at.NODE_SET] >= 0:
                 # The field leaves a leaf open with a distance far above `hit`: look for collisions
                 # only.
                 if need - hit > COARSE_MOTION_M:
                     result = UNDECIDED
                     need = hit
                     if lower >= need:
-                        node = nodes[node, NODE_SKIP]
+                        node = nodes[node, at.NODE_SKIP]
                         continue
                 # The leaf stays open.
                 leaves[count] = node
@@ -321,7 +309,7 @@ def _plane_in_world(
     arm: ArmArrays, scratch: ArmScratch, s: int, plane: int, need: float
 ) -> tuple[float, float, float, float]:
     """Normal of a plane of set s, and from which offset along it points are `need` away from s."""
-    frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
+    frames, joint, planes = scratch.frames, arm.sets[s, at.SET_JOINT], arm.planes
     # Turn the normal into the world.
     x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
     nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
@@ -344,7 +332,7 @@ def _set_meets_box(
     """
     sets = arm.sets
     # The set collides below `hit`; a cover below what its excess cannot explain.
-    mesh = sets[s, SET_MESH]
+    mesh = sets[s, at.SET_MESH]
     short = need - arm.excess[s]
     closer = hit
     if mesh >= 0:
@@ -354,34 +342,25 @@ def _set_meets_box(
         scratch.plane_stamp[s] = scratch.counters[0]
         place_planes(arm, scratch, s)
     # The convex set against the box.
-    answer = polytope_meets_box(
-        SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work),
-        SetRows(
-            sets[s, SET_FIRST_VERTEX],
-            sets[s + 1, SET_FIRST_VERTEX],
-            sets[s, SET_FIRST_PLANE],
-            sets[s + 1, SET_FIRST_PLANE],
-            s,
-            arm.radius[s],
-            True,
-        ),
-        boxes.corners,
-        box,
-        need,
-        closer,
-    )
+    answer = _polytope_meets_box(arm, scratch, s, boxes.corners, box, (need, closer))
     if answer == FREE:
         # Remember the plane that keeps the box away.
         if scratch.work[5, 3] >= 0.0:
             scratch.plane[s] = int(scratch.work[5, 3])
         return FREE
-    # A cover that meets the box: it is the mesh that decides.
+    # A cover that meets the box: it is the mesh that decides, once for all of its sets.
     if mesh >= 0:
+        placement = scratch.counters[0] * arm.meshes.shape[0] + mesh
+        if scratch.mesh_stamp[box] == placement:
+            scratch.work[5, 3] = -1.0
+            return FREE
         if answer == COLLIDING and short > hit:
             answer = UNDECIDED
         else:
             answer = mesh_meets_box(arm, scratch, mesh, (boxes.corners, box), need, hit)
             scratch.work[5, 3] = -1.0
+            if answer == FREE:
+                scratch.mesh_stamp[box] = placement
     if answer != FREE:
         note_hit(scratch, 0, s, box)
     return answer
@@ -412,7 +391,7 @@ def open_leaves_meet_boxes(
         if scratch.leaf_bound[leaf] >= need:
             continue
         node = scratch.leaves[leaf]
-        s = nodes[node, NODE_SET]
+        s = nodes[node, at.NODE_SET]
         # A set looks at a box once, whichever of its leaves reach it, and is placed once.
         if s != previous:
             previous = s
@@ -429,7 +408,11 @@ def open_leaves_meet_boxes(
         # The ball that boxes must reach, and its span, no more than the box around the set, grown.
         far = need + BOUND_TOLERANCE_M
         x, y, z = to_world(
-            scratch.frames, sets[s, SET_JOINT], spheres[node, 0], spheres[node, 1], spheres[node, 2]
+            scratch.frames,
+            sets[s, at.SET_JOINT],
+            spheres[node, 0],
+            spheres[node, 1],
+            spheres[node, 2],
         )
         reach = spheres[node, 3] + far
         x0, x1 = max(x - reach, bounds[s, 0] - far), min(x + reach, bounds[s, 3] + far)
@@ -461,8 +444,10 @@ def open_leaves_meet_boxes(
                     if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
                         continue
                     scratch.box_stamp[box] = visit
-                    # Skip boxes that lie apart from the box around the set.
-                    if boxes_apart(bounds, s, corners, box, need):
+                    # Skip boxes that lie apart from the box around the set, and the support.
+                    if boxes_apart(bounds, s, corners, box, need) or (
+                        len(boxes.tops) > 0 and _is_support(boxes, box, bounds[s, 2])
+                    ):
                         continue
                     # Skip boxes whose nearest corner lies beyond the remembered plane.
                     if plane >= 0 and (
@@ -496,7 +481,7 @@ def body_meets_boxes(
     What is left UNDECIDED is noted as `hit`.
     """
     # First the field, then the boxes in reach of what it leaves open.
-    answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, need, hit)
+    answer, count = open_leaves(arm, boxes, scratch, (body, body + 1, -1), need, hit)
     if answer == COLLIDING or count == 0:
         return answer
     if answer == UNDECIDED:

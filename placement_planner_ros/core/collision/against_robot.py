@@ -11,21 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
-from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_SET,
-    PAIR_INNER,
-    PAIR_OUTER,
-    PAIR_OUTWARD,
-    PAIR_SLOT,
-    PAIR_TABLE,
-    SET_FIRST_VERTEX,
-    SET_JOINT,
-    SET_MESH,
-    ArmArrays,
-    ArmScratch,
-    Indices,
-)
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, Indices
 from placement_planner_ros.core.collision.pair_tables import apart_within
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_set, placed_meshes_meet
 from placement_planner_ros.core.collision.placing import note_hit, place_set
@@ -71,7 +59,7 @@ def _sets_meet(
             work[5, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
     sets = arm.sets
     radius = arm.radius[a] + arm.radius[b]
-    covers = sets[a, SET_MESH] >= 0 or sets[b, SET_MESH] >= 0
+    covers = sets[a, at.SET_MESH] >= 0 or sets[b, at.SET_MESH] >= 0
     # The sets collide below `hit`; covers below what their excess cannot explain.
     short = need - arm.excess[a] - arm.excess[b]
     closer = hit
@@ -80,11 +68,11 @@ def _sets_meet(
     # The distance between both hulls, with their radii added.
     answer = check_separation(
         scratch.vertices,
-        sets[a, SET_FIRST_VERTEX],
-        sets[a + 1, SET_FIRST_VERTEX],
+        sets[a, at.SET_FIRST_VERTEX],
+        sets[a + 1, at.SET_FIRST_VERTEX],
         scratch.vertices,
-        sets[b, SET_FIRST_VERTEX],
-        sets[b + 1, SET_FIRST_VERTEX],
+        sets[b, at.SET_FIRST_VERTEX],
+        sets[b + 1, at.SET_FIRST_VERTEX],
         need + radius,
         closer + radius,
         work,
@@ -114,12 +102,12 @@ def _support_gap(
         # The direction in the frame of the joint that moves the set, turned about for b.
         s = a if side == 0 else b
         sign = 1.0 - 2.0 * side
-        joint = sets[s, SET_JOINT]
+        joint = sets[s, at.SET_JOINT]
         lx = sign * (frames[joint, 0, 0] * dx + frames[joint, 1, 0] * dy + frames[joint, 2, 0] * dz)
         ly = sign * (frames[joint, 0, 1] * dx + frames[joint, 1, 1] * dy + frames[joint, 2, 1] * dz)
         lz = sign * (frames[joint, 0, 2] * dx + frames[joint, 1, 2] * dy + frames[joint, 2, 2] * dz)
         # Two running minima, so that one does not wait for the other.
-        first, last = sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]
+        first, last = sets[s, at.SET_FIRST_VERTEX], sets[s + 1, at.SET_FIRST_VERTEX]
         lowest = lx * vertices[first, 0] + ly * vertices[first, 1] + lz * vertices[first, 2]
         other = lowest
         for v in range(first + (last - first) % 2, last, 2):
@@ -151,7 +139,7 @@ def _solids_meet(
     widest = -np.inf
     for side in range(2):
         # The direction as it was last remembered in this frame, turned into the world.
-        joint = sets[t if side == 1 else s, SET_JOINT]
+        joint = sets[t if side == 1 else s, at.SET_JOINT]
         x, y, z = known[slot, 3 * side], known[slot, 3 * side + 1], known[slot, 3 * side + 2]
         length = np.sqrt(x * x + y * y + z * z)
         if length == 0.0:
@@ -175,7 +163,7 @@ def _solids_meet(
     if answer == FREE:
         # The direction in the frames of both joints.
         for side in range(2):
-            joint = sets[t if side == 1 else s, SET_JOINT]
+            joint = sets[t if side == 1 else s, at.SET_JOINT]
             for i in range(3):
                 known[slot, 3 * side + i] = (
                     frames[joint, 0, i] * work[5, 0]
@@ -190,7 +178,7 @@ def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
     """Whether the bounding spheres of a pair of bodies (row of `ArmArrays.pairs`) keep `need`."""
     # The line between both centres, against the radii.
     spheres = scratch.body_spheres
-    a, b = pair[PAIR_INNER], pair[PAIR_OUTER]
+    a, b = pair[at.PAIR_INNER], pair[at.PAIR_OUTER]
     dx = spheres[a, 0] - spheres[b, 0]
     dy = spheres[a, 1] - spheres[b, 1]
     dz = spheres[a, 2] - spheres[b, 2]
@@ -205,7 +193,7 @@ def _meshes_meet(
     """What sets a and b are parts of, the meshes themselves where there are any."""
     # Two meshes, or a mesh and a convex set.
     sets = arm.sets
-    mesh, other = sets[a, SET_MESH], sets[b, SET_MESH]
+    mesh, other = sets[a, at.SET_MESH], sets[b, at.SET_MESH]
     if mesh >= 0 and other >= 0:
         answer = placed_meshes_meet(arm, scratch, mesh, other, need, hit)
     else:
@@ -226,14 +214,14 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
     # The bodies of the pair, and where the directions of their parts are remembered.
-    a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
+    a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
     fixed = a >= arm.moving
-    slot = arm.pairs[pair, PAIR_SLOT]
-    first_b, last_b = bodies[b, BODY_FIRST_SET], bodies[b + 1, BODY_FIRST_SET]
+    slot = arm.pairs[pair, at.PAIR_SLOT]
+    first_b, last_b = bodies[b, at.BODY_FIRST_SET], bodies[b + 1, at.BODY_FIRST_SET]
     result = FREE
     apart = apart_other = -1
     # Sets of the one against all of the other, then against its sets.
-    for s in range(bodies[a, BODY_FIRST_SET], bodies[a + 1, BODY_FIRST_SET]):
+    for s in range(bodies[a, at.BODY_FIRST_SET], bodies[a + 1, at.BODY_FIRST_SET]):
         slot += last_b - first_b
         # The set's ball against the ball around all of the other body.
         x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
@@ -269,7 +257,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
             answer = _solids_meet(arm, scratch, s, t, slot - last_b + t, need, hit)
             if answer == COVERS_MEET:
                 # The meshes as wholes, once for all of their sets; of a set without, only it.
-                mesh, other = sets[s, SET_MESH], sets[t, SET_MESH]
+                mesh, other = sets[s, at.SET_MESH], sets[t, at.SET_MESH]
                 if mesh == apart and other == apart_other and mesh >= 0 and other >= 0:
                     continue
                 answer = _meshes_meet(arm, scratch, s, t, need, hit)
@@ -290,14 +278,14 @@ def pair_meets(
     arm: ArmArrays,
     scratch: ArmScratch,
     pair: int,
-    q: Array,
-    delta: Array,
+    ranges: tuple[Array, Array],
     need: float,
     margin: float,
 ) -> int:
     """One pair of bodies, placed at q (n,): FREE if it keeps `margin` wherever in q ± delta (n,).
 
     Args:
+        ranges: q and delta.
         need: `margin` and the bound on the pair's motion within delta, metres.
     """
     row = arm.pairs[pair]
@@ -305,7 +293,8 @@ def pair_meets(
     if spheres_apart(scratch, row, need):
         return FREE
     # Tables know of whole ranges of joints.
-    table, joint = row[PAIR_TABLE], row[PAIR_OUTWARD]
+    table, joint = row[at.PAIR_TABLE], row[at.PAIR_OUTWARD]
+    q, delta = ranges
     second = min(joint + 1, q.shape[0] - 1)
     if (
         table >= 0

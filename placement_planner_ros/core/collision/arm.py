@@ -16,25 +16,23 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arrays import (
-    SET_FIRST_NODE,
-    SET_JOINT,
-    ArmArrays,
-    FlatArm,
-    lay_out_arm,
-    scratch_for,
-    with_own_arrays,
-)
+from placement_planner_ros.core.collision import arrays as at
+from placement_planner_ros.core.collision.arrays import ArmArrays, FlatArm, lay_out_arm, scratch_for
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.collision.configurations import (
+    NOT_FINITE,
+    KeptMargins,
+    check_states,
+    hand_collides,
+)
 from placement_planner_ros.core.collision.edges import OVERFLOW, Edge, EdgeLimits, check_edge
-from placement_planner_ros.core.collision.hand import KeptMargins, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
+from placement_planner_ros.core.collision.placing import place_body
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
-from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
+from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
 from placement_planner_ros.core.collision.table_filling import with_pair_tables
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
@@ -153,16 +151,12 @@ class ArmCollision:
             self.settings.cover_excess,
             self.settings.self_margin + self.settings.self_reserve,
         )
-        if isinstance(load, PlacedObject):
-            self._flat = with_own_arrays(self._flat)
         # The obstacle set, and room to work in.
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
-        self._placed: PlacedObjectRows | None = None
         if isinstance(load, PlacedObject):
-            self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT)
             self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUED_INTERVALS, 2))
         self._settled = np.zeros(
@@ -221,7 +215,7 @@ class ArmCollision:
     ) -> npt.NDArray[np.int64]:
         """The kernels' answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `configurations.NOT_FINITE`.
         """
         answers = self._classified(Q, *self._margins(reserve), contact)
         if contact and self._aside is not None:
@@ -256,7 +250,7 @@ class ArmCollision:
     ) -> bool:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
-        Hand and fingers against the obstacle set and the robot at rest (`hand`).
+        Hand and fingers against the obstacle set and the robot at rest.
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
@@ -351,8 +345,9 @@ class ArmCollision:
 
     def place(self, T_world_object: pin.SE3) -> None:
         """Put the placed object elsewhere, here and in what `with_pairs` made."""
-        assert self._placed is not None, "made without a placed object"
-        self._placed.move(T_world_object)
+        (row,) = (i for i, body in enumerate(self._flat.bodies) if body.joint == PLACED_JOINT)
+        self._scratch.frames[-1] = T_world_object.homogeneous
+        place_body(self._flat.arrays, self._scratch, row)
 
     def with_pairs(
         self,
@@ -407,8 +402,8 @@ class ArmCollision:
     def _ball_in_box(self, node: int) -> tuple[int, int, int]:
         """Which set meets which box, where the ball inside a sphere is known to meet one."""
         arrays, corners = self._flat.arrays, self._boxes.corners
-        s = int(np.searchsorted(arrays.sets[:, SET_FIRST_NODE], node, "right")) - 1
-        frame = self._scratch.frames[arrays.sets[s, SET_JOINT]]
+        s = int(np.searchsorted(arrays.sets[:, at.SET_FIRST_NODE], node, "right")) - 1
+        frame = self._scratch.frames[arrays.sets[s, at.SET_JOINT]]
         center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
         away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
         return 0, s, int(np.argmin(np.linalg.norm(away, axis=1)))
@@ -463,7 +458,8 @@ def _flat_arm(
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
         if grasp is None:
-            thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
+            parts = _object_parts(body, pin.SE3.Identity())
+            thing = CollisionBody(PLACED_OBJECT, PLACED_JOINT, parts)
         else:
             tip_joint = arm_joint(model, joint_ids, model.frames[tip].parentJoint)
             parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
@@ -484,7 +480,7 @@ def _arm_links(
     # Geometries by their link, each with the last arm joint that moves it.
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.frombuffer(q_zero))
-    parts: dict[str, list[Part]] = {}
+    parts: dict[str, list[tuple[Shape, pin.SE3]]] = {}
     joints: dict[str, int] = {}
     rigid: dict[str, bool] = {}
     mount = robot.model.parents[joint_ids[0]]
@@ -494,7 +490,7 @@ def _arm_links(
         joints[link] = arm_joint(robot.model, joint_ids, thing.parentJoint)
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
-        parts.setdefault(link, []).append(Part(shape, T))
+        parts.setdefault(link, []).append((shape, T))
     return tuple(
         CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts
     )
@@ -509,5 +505,5 @@ def _checked_pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
     ]
 
 
-def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
-    return tuple(Part(solid.shape, T_world_object) for solid in object_solids(body))
+def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[tuple[Shape, pin.SE3], ...]:
+    return tuple((solid.shape, T_world_object) for solid in object_solids(body))

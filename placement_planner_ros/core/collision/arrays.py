@@ -8,21 +8,17 @@ frame, turned so that the joint's axis is z.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.collision.body_rows import (
-    BodyRows,
-    CollisionBody,
-    body_rows,
-)
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
 from placement_planner_ros.core.collision.pair_tables import PairTables
+from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows, body_rows
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array
@@ -37,6 +33,10 @@ MESH_TREE, MESH_JOINT = 0, 1
 PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
 """Columns of the tables of `ArmArrays`."""
 
+NO_TABLES = PairTables(
+    np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.int32)
+)
+
 
 class ArmArrays(NamedTuple):
     """What the kernels read: n joints, b bodies, s convex sets, k spheres, g meshes, c pairs.
@@ -44,7 +44,7 @@ class ArmArrays(NamedTuple):
     A set is a solid link, or one of those that cover a mesh.
 
     A range belonging to row i of a table runs from its `FIRST` column to that of row i + 1. Spheres
-    are centre and radius. Joint n + 1 stands for the world.
+    are centre and radius. Joint n + 1 stands for the world, n + 2 for the object placed in it.
     """
 
     fixed: Array
@@ -88,7 +88,7 @@ class ArmScratch(NamedTuple):
     """Work space of one checker; not shared between threads."""
 
     frames: Array
-    """(n + 2, 4, 4) T_world_joint with the axis along z, the tip, the world."""
+    """(n + 3, 4, 4) T_world_joint with the axis along z, the tip, the world, the placed object."""
     body_spheres: Array
     """(b, 4) in the world, as all that follow."""
     set_spheres: Array
@@ -102,12 +102,16 @@ class ArmScratch(NamedTuple):
     plane: Indices
     """(s,) the plane of each set that last kept a box away, or -1."""
     box_stamp: Indices
-    """(m,) visit in which an obstacle was last looked at."""
+    """(m,) visit in which an obstacle was last looked at; `mesh_stamp`: in which placement of which
+    mesh it was last found free of it."""
+    mesh_stamp: Indices
     counters: Indices
     """Configuration, visit."""
     leaves: Indices
     """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
     leaf_bound: Array
+    sweep: Array
+    """(1,) how far all bodies are swept straight up, metres: vertices and planes are made so."""
     work: Array
     mesh_points: Array
     """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
@@ -134,14 +138,14 @@ class FlatArm:
         directions: how many to remember.
         bodies: in the order of the arrays.
         set_body: (s,) body of each set.
-        rows: of each body.
+        rows: of each body, in its joint's frame.
     """
 
     arrays: ArmArrays
     directions: int
     bodies: tuple[CollisionBody, ...]
     set_body: Indices
-    rows: tuple[BodyRows, ...]
+    rows: tuple[SolidRows, ...]
 
     def digest(self, body: int) -> str:
         """Of the shape of a body, in its joint's frame."""
@@ -169,25 +173,24 @@ def lay_out_arm(
     # The bodies' rows, each in the frame of its joint with all joints at zero.
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
     laid_out = [
-        (body, body_rows(body, _at_zero(body, joint_frames).homogeneous.tobytes(), excess))
+        (body, *body_rows(body, _at_zero(body, joint_frames).homogeneous.tobytes(), excess))
         for body in bodies
     ]
     # The outer and the larger collide most often.
     laid_out.sort(
-        key=lambda b: (b[0].joint < 0, b[0].name != held, -b[0].joint, -b[1].extent, b[0].name)
+        key=lambda b: (b[0].joint < 0, b[0].name != held, -b[0].joint, -b[2][3], b[0].name)
     )
-    ordered = [body for body, _ in laid_out]
+    ordered, rows, balls = zip(*laid_out, strict=True)
     number = {body.name: i for i, body in enumerate(ordered)}
-    world = chain.dof + 1
-    joints = [body.joint if body.joint >= 0 else world for body in ordered]
-    rows = [of_body for _, of_body in laid_out]
-    # Pairs of bodies, the inner one first; those on one joint do not move against each other.
+    joints = [body.joint if body.joint >= 0 else chain.dof - body.joint for body in ordered]
+    # Pairs of bodies, the inner one first; those on one joint do not move against each other,
+    # nor do those that no joint moves.
     between = []
     for a, b in pairs:
         first, second = number[a], number[b]
         if ordered[first].joint > ordered[second].joint:
             first, second = second, first
-        if ordered[first].joint != ordered[second].joint:
+        if ordered[first].joint != ordered[second].joint >= 0:
             between.append((first, second))
     # Outer links first: they collide most often.
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
@@ -200,25 +203,18 @@ def lay_out_arm(
         held=number[held] if held is not None else -1,
         pairs=np.array(
             [
-                (a, b, slot, ordered[a].joint + 1, -1)
+                (a, b, slot, max(ordered[a].joint, -1) + 1, -1)
                 for (a, b), slot in zip(
                     between, itertools.accumulate(sizes, initial=0), strict=False
                 )
             ],
             dtype=np.int64,
         ).reshape(-1, 5),
-        tables=PairTables(
-            np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.int32)
-        ),
-        **_stacked_bodies(rows, joints),
+        tables=NO_TABLES,
+        **stack_bodies(rows, joints, balls),
     )
-    return FlatArm(
-        arrays,
-        sum(sizes),
-        tuple(ordered),
-        np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows]),
-        tuple(rows),
-    )
+    set_body = np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows])
+    return FlatArm(arrays, sum(sizes), ordered, set_body, rows)
 
 
 def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
@@ -226,32 +222,19 @@ def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
-def with_own_arrays(flat: FlatArm) -> FlatArm:
-    """The same arm, with arrays of its own that `placed_object.PlacedObjectRows` may write to."""
-    arrays = flat.arrays
-    own = arrays._replace(
-        vertices=arrays.vertices.copy(),
-        planes=arrays.planes.copy(),
-        node_spheres=arrays.node_spheres.copy(),
-        body_spheres=arrays.body_spheres.copy(),
-        mesh_frames=arrays.mesh_frames.copy(),
-    )
-    return replace(flat, arrays=own)
-
-
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
     a = flat.arrays
-    # Frames of joints, tip and world; the last stays as it is.
+    # Frames of joints and tip; of the world and the placed object, which stay as they are.
     joints, sets = len(a.prismatic), len(a.radius)
-    frames = np.zeros((joints + 2, 4, 4))
-    frames[-1] = np.eye(4)
+    frames = np.zeros((joints + 3, 4, 4))
+    frames[-2:] = np.eye(4)
     # Boxes around the sets of bodies that nothing moves, for good.
     bounds = np.zeros((sets, 6))
     first = a.sets[:-1, SET_FIRST_VERTEX]
     bounds[:, :3] = np.minimum.reduceat(a.vertices, first) - a.radius[:, None]
     bounds[:, 3:] = np.maximum.reduceat(a.vertices, first) + a.radius[:, None]
-    fixed = a.sets[:-1, SET_JOINT] == joints + 1
+    fixed = a.sets[:-1, SET_JOINT] > joints
     return ArmScratch(
         frames=frames,
         body_spheres=a.body_spheres.copy(),
@@ -263,9 +246,11 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         plane=np.full(sets, -1, dtype=np.int64),
         box_stamp=np.zeros(boxes, dtype=np.int64),
+        mesh_stamp=np.full(boxes, -1, dtype=np.int64),
         counters=np.zeros(2, dtype=np.int64),
         leaves=np.zeros(len(a.nodes), dtype=np.int64),
         leaf_bound=np.zeros(len(a.nodes)),
+        sweep=np.zeros(1),
         work=np.zeros((6, 4)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_frames=np.zeros((3, 4, 4)),
@@ -277,44 +262,36 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
-def _stacked_bodies(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
+def stack_bodies(
+    bodies: Sequence[SolidRows], joints: Sequence[int], balls: Sequence[Array]
+) -> dict[str, Any]:
     """The rows of bodies (b), of joints (b), one below the other."""
-    # Where each body's rows begin.
-    ends = np.array([each.ends for each in bodies])
-    begins = np.vstack([np.zeros((1, ends.shape[1]), dtype=np.int64), ends.cumsum(axis=0)])
+    rows = SolidRows.joined(bodies)
+    sets = [len(each.radius) for each in bodies]
+    ends = [*rows.sizes[:1], *rows.sizes[2:4], 0, -1]
     # In the same order for each arm of a robot, so that they share the arrays.
-    carried = [tree for each in bodies for tree in each.meshes]
-    trees = list(dict.fromkeys(sorted(carried, key=_mesh_order)))
+    trees = list(dict.fromkeys(sorted(rows.meshes, key=_mesh_order)))
     number = {tree: i for i, tree in enumerate(trees)}
-    of = [joint for joint, each in zip(joints, bodies, strict=True) for _ in each.meshes]
-    # Numbers of other rows, counted on from the body's first.
-    nodes, sets = [], []
-    for i, each in enumerate(bodies):
-        first_set, node, vertex, plane, mesh = begins[i].tolist()
-        skip, leaf = each.nodes.T
-        nodes.append(np.column_stack([skip + node, np.where(leaf >= 0, leaf + first_set, -1)]))
-        covers = each.sets[:, 3]
-        on = np.where(covers >= 0, covers + mesh, -1)
-        joint = np.full(len(covers), joints[i])
-        sets.append(np.column_stack([each.sets[:, :3] + (node, vertex, plane), joint, on]))
-    _, node, vertex, plane, _ = begins[-1].tolist()
+    meshes = np.column_stack(
+        [
+            [number[tree] for tree in rows.meshes],
+            np.repeat(joints, [len(each.meshes) for each in bodies]),
+        ]
+    )
     return {
-        "bodies": np.column_stack([[*joints, 0], begins[:, 0]]).astype(np.int64),
-        "body_spheres": np.array([each.sphere for each in bodies]),
-        "nodes": np.vstack(nodes),
-        "node_spheres": np.vstack([each.node_spheres for each in bodies]),
-        "node_inner": np.concatenate([each.node_inner for each in bodies]),
-        "sets": np.vstack([*sets, (node, vertex, plane, 0, -1)]),
-        "radius": np.concatenate([each.radius for each in bodies]),
-        "excess": np.concatenate([each.excess for each in bodies]),
-        "meshes": np.array(
-            [(number[tree], joint) for tree, joint in zip(carried, of, strict=True)],
-            dtype=np.int64,
-        ).reshape(-1, 2),
-        "mesh_frames": np.vstack([each.mesh_frames for each in bodies]),
+        "bodies": np.column_stack([[*joints, 0], np.cumsum([0, *sets])]).astype(np.int64),
+        "body_spheres": np.array(balls),
+        "nodes": rows.nodes,
+        "node_spheres": rows.node_spheres,
+        "node_inner": rows.node_inner,
+        "sets": np.vstack([np.insert(rows.sets, SET_JOINT, np.repeat(joints, sets), axis=1), ends]),
+        "radius": rows.radius,
+        "excess": rows.excess,
+        "meshes": meshes.astype(np.int64).reshape(-1, 2),
+        "mesh_frames": rows.mesh_frames,
         "trees": shared_arrays(tuple(trees)),
-        "vertices": np.vstack([each.vertices for each in bodies]),
-        "planes": np.vstack([each.planes for each in bodies]),
+        "vertices": rows.vertices,
+        "planes": rows.planes,
     }
 
 

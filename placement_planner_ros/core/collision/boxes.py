@@ -43,6 +43,8 @@ def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
             grid=grid,
             field_grid=np.zeros(16),
             field=_read_only_view(np.zeros((1, 1, 1, 64), dtype=np.uint8)),
+            tops=np.zeros(0),
+            support=np.zeros(4),
         )
     corners = np.hstack([obstacles.lower, obstacles.upper])
     field = distance_bound_field(obstacles, _FIELD_REACH_M)
@@ -65,6 +67,8 @@ def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
             ]
         ),
         field=_read_only_view(field.levels),
+        tops=np.zeros(0),
+        support=np.zeros(4),
     )
 
 

@@ -17,18 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import BoxArrays, body_meets_boxes
 from placement_planner_ros.core.collision.against_robot import pair_meets
-from placement_planner_ros.core.collision.arrays import (
-    BODY_JOINT,
-    PAIR_OUTER,
-    PAIR_OUTWARD,
-    ArmArrays,
-    ArmScratch,
-)
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
+from placement_planner_ros.core.collision.configurations import NOT_FINITE
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
-from placement_planner_ros.core.collision.states import NOT_FINITE
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -66,7 +61,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
     frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic
     for body in range(arm.moving):
-        joint = arm.bodies[body, BODY_JOINT]
+        joint = arm.bodies[body, at.BODY_JOINT]
         # The ball around the body, where it is at the middle.
         x, y, z, radius = (
             spheres[body, 0],
@@ -196,9 +191,9 @@ def check_edge(
             else:
                 # A pair of bodies, the motion of the joints between them added to the margin.
                 pair = item - arm.moving
-                outer, first = pairs[pair, PAIR_OUTER], pairs[pair, PAIR_OUTWARD]
+                outer, first = pairs[pair, at.PAIR_OUTER], pairs[pair, at.PAIR_OUTWARD]
                 need = limits.self_margin + bound[outer, first]
-                answer = pair_meets(arm, scratch, pair, q, delta, need, limits.self_margin)
+                answer = pair_meets(arm, scratch, pair, (q, delta), need, limits.self_margin)
                 small = exact[outer, first] <= limits.self_resolution
             if answer == COLLIDING:
                 return COLLIDING

@@ -8,16 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
+from placement_planner_ros.core.collision.arrays import FlatArm, scratch_for
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.object_kernels import (
-    ObjectScratch,
-    PoseMargins,
+from placement_planner_ros.core.collision.separation import FREE
+from placement_planner_ros.core.collision.swept_object import (
     SweptPoses,
     check_poses,
+    swept_object,
 )
-from placement_planner_ros.core.collision.object_solids import object_arrays
-from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
@@ -59,14 +59,12 @@ class ObjectCollision:
         self._beneath = (
             self.settings.collision_margin - _HEIGHT_ROUNDING_M if overhangs else math.inf
         )
-        self._boxes = box_arrays(obstacles)
         self._obstacles = obstacles
-        self._tops: dict[Slope, Array] = {}
-        self._arrays = object_arrays(body)
-        self._scratch = ObjectScratch.of(self._arrays, self._boxes.number)
-        self._one_pose = np.zeros((1, 4, 4))
-        self._one = np.zeros((2, 1))
-        self._answer = np.zeros(1, dtype=np.int64)
+        self._boxes: dict[Slope, BoxArrays] = {}
+        self._object = swept_object(body)
+        arrays = self._object.arm
+        sets = np.zeros(len(arrays.radius), dtype=np.int64)
+        self._scratch = scratch_for(FlatArm(arrays, 0, (), sets, ()), len(obstacles))
 
     def free(
         self,
@@ -86,11 +84,7 @@ class ObjectCollision:
             raise_height: how far above the pose the descent begins, metres.
             slope: of the contact plane.
         """
-        self._one_pose[0] = T_world_object
-        self._one[0, 0] = contact_height
-        self._one[1, 0] = raise_height
-        self._classify(self._one_pose, self._one[0], self._one[1], slope, self._answer)
-        return bool(self._answer[0] == FREE)
+        return bool(self.free_at(T_world_object, contact_height, raise_height, slope)[0])
 
     def free_at(
         self,
@@ -103,9 +97,8 @@ class ObjectCollision:
         poses = kernel_input(T_world_object).reshape(-1, 4, 4)
         contact = np.array(np.broadcast_to(contact_height, len(poses)), dtype=np.float64)
         raised = np.array(np.broadcast_to(raise_height, len(poses)), dtype=np.float64)
-        answers = np.empty(len(poses), dtype=np.int64)
-        self._classify(poses, contact, raised, slope, answers)
-        return answers == FREE
+        margin = self.settings.collision_margin + self.settings.approach_stray
+        return self._free(SweptPoses(poses, contact, raised), self._boxes_on(slope), margin)
 
     def free_along(
         self,
@@ -129,41 +122,25 @@ class ObjectCollision:
         poses[:, :3, 3] += np.linspace(0.0, length, steps + 1)[:, None] * direction
         margin = self.settings.collision_margin + self.settings.approach_stray
         margin += 0.5 * length / steps if steps else 0.0
-        still, answers = np.zeros(steps + 1), np.empty(steps + 1, dtype=np.int64)
-        check_poses(
-            self._arrays,
-            self._boxes,
-            self._scratch,
-            SweptPoses(poses, still, still, np.where(leant_on, 0.0, np.inf)),
-            PoseMargins(margin, math.inf, math.inf, self.settings.contact_tolerance),
-            answers,
+        still = np.zeros(steps + 1)
+        boxes = box_arrays(self._obstacles)._replace(
+            tops=np.where(leant_on, 0.0, np.inf),
+            support=np.array([0.0, self.settings.contact_tolerance, math.inf, math.inf]),
         )
-        return bool((answers == FREE).all())
+        return bool(self._free(SweptPoses(poses, still, still), boxes, margin).all())
 
-    def _tops_above(self, slope: Slope) -> Array:
-        """(m,) `ObstacleSet.tops`, made once for each slope."""
-        if slope not in self._tops:
-            self._tops[slope] = self._obstacles.tops(slope)
-        return self._tops[slope]
+    def _free(self, poses: SweptPoses, boxes: BoxArrays, margin: float) -> npt.NDArray[np.bool_]:
+        answers = np.empty(len(poses.T), dtype=np.int64)
+        check_poses(self._object, boxes, self._scratch, poses, margin, answers)
+        return answers == FREE
 
-    def _classify(
-        self,
-        poses: Array,
-        contact: Array,
-        raised: Array,
-        slope: Slope,
-        answers: npt.NDArray[np.int64],
-    ) -> None:
-        check_poses(
-            self._arrays,
-            self._boxes,
-            self._scratch,
-            SweptPoses(poses, contact, raised, self._tops_above(slope)),
-            PoseMargins(
-                self.settings.collision_margin + self.settings.approach_stray,
-                self._beneath,
-                self._beneath if slope == LEVEL else math.inf,
-                self.settings.contact_tolerance,
-            ),
-            answers,
-        )
+    def _boxes_on(self, slope: Slope) -> BoxArrays:
+        """The obstacle set with what is support, made once for each slope."""
+        if slope not in self._boxes:
+            under = self._beneath if slope == LEVEL else math.inf
+            tolerance = self.settings.contact_tolerance
+            self._boxes[slope] = box_arrays(self._obstacles)._replace(
+                tops=self._obstacles.tops(slope),
+                support=np.array([0.0, tolerance, self._beneath, under]),
+            )
+        return self._boxes[slope]

@@ -11,7 +11,6 @@ from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
-from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.robot.geometry import convex_geometry, triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
@@ -53,13 +52,6 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
         surface = triangle_geometry(body.mesh.vertices, body.mesh.triangles)
         solids.append(ObjectSolid(shape, surface, body.mesh))
     return tuple(solids)
-
-
-def object_arrays(body: Body) -> ObjectArrays:
-    """The object laid out for c_f(x)."""
-    shapes = [solid.shape for solid in object_solids(body)]
-    convex = [shape.sets[0] for shape in shapes if shape.mesh is None]
-    return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
 
 
 @weak_lru_cache("body", maxsize=4)

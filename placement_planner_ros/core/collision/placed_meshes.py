@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from numba import njit
 
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_mesh import (
     box_corner,
     mesh_meets_hull,
     meshes_meet,
 )
-from placement_planner_ros.core.collision.arrays import (
-    MESH_JOINT,
-    MESH_TREE,
-    SET_FIRST_VERTEX,
-    ArmArrays,
-    ArmScratch,
-)
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -25,7 +20,7 @@ def _place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int, T: Array) -> Non
     """Set T (4, 4) to T_world_mesh."""
     # The joint's frame, times the mesh's frame in it.
     A, B = scratch.frames, arm.mesh_frames
-    joint = arm.meshes[mesh, MESH_JOINT]
+    joint = arm.meshes[mesh, at.MESH_JOINT]
     for i in range(3):
         x, y, z = A[joint, i, 0], A[joint, i, 1], A[joint, i, 2]
         for j in range(4):
@@ -54,6 +49,8 @@ def mesh_meets_box(
 ) -> int:
     """A mesh against a box: FREE from `need` on, COLLIDING below `hit`.
 
+    What is swept up meets a box where it meets, as it is, what the box sweeps downward.
+
     Args:
         boxes: (m, 6), and which of them.
     """
@@ -61,8 +58,8 @@ def mesh_meets_box(
     _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
     for row in range(8):
         x, y, z = box_corner(boxes[0], boxes[1], row)
-        _to_mesh(scratch, row, x, y, z)
-    tree = arm.meshes[mesh, MESH_TREE]
+        _to_mesh(scratch, row, x, y, z - scratch.sweep[0] if row & 4 == 0 else z)
+    tree = arm.meshes[mesh, at.MESH_TREE]
     return mesh_meets_hull(arm.trees, tree, scratch.mesh_points, 8, need, hit, scratch.work)
 
 
@@ -73,14 +70,14 @@ def mesh_meets_set(
     """A mesh against convex set s, placed: FREE from `need` on, COLLIDING below `hit`."""
     # The set's vertices in the mesh's frame.
     _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
-    first, last = arm.sets[s, SET_FIRST_VERTEX], arm.sets[s + 1, SET_FIRST_VERTEX]
+    first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
     world = scratch.vertices
     for v in range(first, last):
         _to_mesh(scratch, v - first, world[v, 0], world[v, 1], world[v, 2])
     # The mesh against their hull, the radius added.
     return mesh_meets_hull(
         arm.trees,
-        arm.meshes[mesh, MESH_TREE],
+        arm.meshes[mesh, at.MESH_TREE],
         scratch.mesh_points,
         last - first,
         need + arm.radius[s],
@@ -105,5 +102,5 @@ def placed_meshes_meet(
             x, y, z = x - A[0, 3], y - A[1, 3], z - A[2, 3]
         for i in range(3):
             T[i, j] = A[0, i] * x + A[1, i] * y + A[2, i] * z
-    pair = arm.meshes[mesh, MESH_TREE], arm.meshes[other, MESH_TREE]
+    pair = arm.meshes[mesh, at.MESH_TREE], arm.meshes[other, at.MESH_TREE]
     return meshes_meet(arm.trees, pair, T, need, hit, scratch.mesh_points, scratch.work)

@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_SET,
-    BODY_JOINT,
-    SET_FIRST_NODE,
-    SET_FIRST_PLANE,
-    SET_FIRST_VERTEX,
-    SET_JOINT,
-    ArmArrays,
-    ArmScratch,
-)
+from placement_planner_ros.core.collision import arrays as at
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -24,6 +16,15 @@ from placement_planner_ros.core.uncounted import Uncounted
 def note_hit(scratch: ArmScratch, kind: int, a: int, b: int) -> None:
     """Say in `ArmScratch.hit` what meets what."""
     scratch.hit[0], scratch.hit[1], scratch.hit[2] = kind, a, b
+
+
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def place_frame(scratch: ArmScratch, joint: int, T: Array) -> None:
+    """Put one frame at T (4, 4); whatever was placed in the world before is outdated."""
+    scratch.counters[0] += 1
+    for i in range(4):
+        for j in range(4):
+            scratch.frames[joint, i, j] = T[i, j]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -40,14 +41,14 @@ def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     frames, bodies = scratch.frames, arm.bodies
     local, world = arm.body_spheres, scratch.body_spheres
     nodes, set_world = arm.node_spheres, scratch.set_spheres
-    joint = bodies[body, BODY_JOINT]
+    joint = bodies[body, at.BODY_JOINT]
     # The ball around the body.
     world[body, 0], world[body, 1], world[body, 2] = to_world(
         frames, joint, local[body, 0], local[body, 1], local[body, 2]
     )
     # The balls around its sets, the first of their trees.
-    for s in range(bodies[body, BODY_FIRST_SET], bodies[body + 1, BODY_FIRST_SET]):
-        node = arm.sets[s, SET_FIRST_NODE]
+    for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
+        node = arm.sets[s, at.SET_FIRST_NODE]
         set_world[s, 0], set_world[s, 1], set_world[s, 2] = to_world(
             frames, joint, nodes[node, 0], nodes[node, 1], nodes[node, 2]
         )
@@ -68,14 +69,14 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     local, world = arm.vertices, scratch.vertices
     bounds = scratch.bounds
     # One coordinate of all vertices, and the span that it covers.
-    joint = sets[s, SET_JOINT]
+    joint = sets[s, at.SET_JOINT]
     radius = arm.radius[s]
     for i in range(3):
         low = np.inf
         high = -np.inf
         r0, r1, r2 = frames[joint, i, 0], frames[joint, i, 1], frames[joint, i, 2]
         p = frames[joint, i, 3]
-        for v in range(sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]):
+        for v in range(sets[s, at.SET_FIRST_VERTEX], sets[s + 1, at.SET_FIRST_VERTEX]):
             w = p + r0 * local[v, 0] + r1 * local[v, 1] + r2 * local[v, 2]
             world[v, i] = w
             low = min(low, w)
@@ -85,14 +86,23 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         bounds[s, i + 3] = high + radius
 
 
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def place_body(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
+    """Spheres and sets of one body in the world, its joint's frame being placed."""
+    # Its sets, whether any pair asks for them or not.
+    place_spheres(arm, scratch, body)
+    for s in range(arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]):
+        place_set(arm, scratch, s)
+
+
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""
     frames, sets = scratch.frames, arm.sets
     # Each normal turned, its offset moved along it.
-    joint = sets[s, SET_JOINT]
+    joint = sets[s, at.SET_JOINT]
     planes, moved = arm.planes, scratch.planes
-    for v in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
+    for v in range(sets[s, at.SET_FIRST_PLANE], sets[s + 1, at.SET_FIRST_PLANE]):
         offset = planes[v, 3]
         for i in range(3):
             n = (

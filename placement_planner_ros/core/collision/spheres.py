@@ -83,177 +83,84 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
     return replace(tree, inner=frozen_array(inner))
 
 
-class _TreeBuilder:
-    def __init__(self) -> None:
-        self.spheres: list[tuple[float, float, float, float, float]] = []
-        self.leaves: list[bool] = []
-        self.skip: list[int] = []
-        self.excess = 0.0
+def one_sphere(convex: ConvexSet) -> SphereTree:
+    """A single sphere around a set."""
+    center, ball = bounding_sphere(convex.vertices)
+    return _tree_of(
+        [(*center.tolist(), ball + convex.radius + _PADDING_M, -math.inf, 1, True)], ball
+    )
 
-    def add(self, center: Array, radius: float, inner: float = -math.inf) -> int:
-        self.spheres.append((*center.tolist(), radius, inner))
-        self.leaves.append(False)
-        self.skip.append(0)
-        return len(self.skip) - 1
 
-    def close(self, node: int) -> None:
-        self.skip[node] = len(self.skip)
-
-    def tree(self) -> SphereTree:
-        spheres = np.array(self.spheres)
-        skip = np.array(self.skip, dtype=np.int64)
-        leaf = np.array(self.leaves)
-        for array in (skip, leaf):
-            array.setflags(write=False)
-        return SphereTree(
-            frozen_array(spheres[:, :3]),
-            frozen_array(spheres[:, 3]),
-            frozen_array(spheres[:, 4]),
-            skip,
-            leaf,
-            self.excess,
-        )
+def _tree_of(rows: list[tuple[float, ...]], excess: float) -> SphereTree:
+    """Of rows of centre, radius, inner radius, next sphere not below, and whether it is a leaf."""
+    table = np.array(rows)
+    skip, leaf = table[:, 5].astype(np.int64), table[:, 6] > 0.0
+    for array in (skip, leaf):
+        array.setflags(write=False)
+    spheres = frozen_array(table[:, :3]), frozen_array(table[:, 3]), frozen_array(table[:, 4])
+    return SphereTree(*spheres, skip, leaf, excess)
 
 
 @functools.lru_cache(maxsize=4096)
 def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> SphereTree:
     points = np.frombuffer(vertices).reshape(-1, 3).copy()
-    # Facets and surface of the hull, or of a segment.
+    # Facets and edges of the hull, or of a segment.
     if volume:
         hull = ConvexHull(points)
-        facets, surface = hull.equations, points[hull.simplices]
+        facets, sides = hull.equations, hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        edges = points[np.unique(np.sort(sides, axis=1), axis=0)]
     else:  # a point or the axis of a capsule
-        facets, surface = np.zeros((1, 4)), points[[[0, 0, len(points) - 1]]]
-    builder = _TreeBuilder()
+        facets, edges = np.zeros((1, 4)), points[[[0, len(points) - 1]]]
+    rows: list[tuple[float, ...]] = []
+    greatest = 0.0
 
     def split(piece: Array, depth: int) -> None:
+        nonlocal greatest
         # The centre is a mean of the piece's corners, so the set holds it.
-        corners = _distinct_corners(piece)
+        corners = np.unique(piece.reshape(-1, 3), axis=0)
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
-        node = builder.add(center, ball + radius + _PADDING_M, inside + radius - _PADDING_M)
-        # A leaf where the sphere sticks out little, else both halves.
         sticks_out = ball - inside
-        if sticks_out <= excess or depth == _MAX_TREE_DEPTH:
-            builder.leaves[node] = True
-            builder.excess = max(builder.excess, sticks_out)
+        leaf = sticks_out <= excess or depth == _MAX_TREE_DEPTH
+        row = len(rows)
+        rows.append(())
+        # A leaf where the sphere sticks out little, else both halves.
+        if leaf:
+            greatest = max(greatest, sticks_out)
         else:
-            for half in _cut_halves(piece, corners):
-                split(half, depth + 1)
-        builder.close(node)
+            # Cut in the middle of the longest extent.
+            along = np.linalg.eigh(np.cov(corners.T, bias=True))[1][:, 2]
+            heights = piece @ along
+            heights -= 0.5 * (heights.min() + heights.max())
+            for side in (heights, -heights):
+                split(_lower_part(piece, side), depth + 1)
+        spheres = ball + radius + _PADDING_M, inside + radius - _PADDING_M
+        rows[row] = (*center.tolist(), *spheres, len(rows), leaf)
 
-    split(np.ascontiguousarray(surface), 0)
-    return builder.tree()
-
-
-@njit(cache=True, nogil=True)
-def _distinct_corners(surface: Array) -> Array:
-    """The corners (m, 3) of triangles (k, 3, 3), each once."""
-    points = surface.reshape(-1, 3)
-    kept = np.empty(points.shape)
-    count = 0
-    for i in range(len(points)):
-        # A point that is there already, within the padding.
-        known = False
-        for j in range(count):
-            if (
-                abs(kept[j, 0] - points[i, 0]) < _PADDING_M
-                and abs(kept[j, 1] - points[i, 1]) < _PADDING_M
-                and abs(kept[j, 2] - points[i, 2]) < _PADDING_M
-            ):
-                known = True
-                break
-        if not known:
-            kept[count] = points[i]
-            count += 1
-    return kept[:count].copy()
+    split(edges, 0)
+    return _tree_of(rows, greatest)
 
 
-@njit(cache=True, nogil=True)
-def _cut_halves(surface: Array, corners: Array) -> tuple[Array, Array]:
-    """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
-    # The mean of the corners, and how they spread about it.
-    mean = np.zeros(3)
-    for i in range(len(corners)):
-        mean += corners[i]
-    mean /= len(corners)
-    spread = np.zeros((3, 3))
-    for i in range(len(corners)):
-        for j in range(3):
-            for k in range(3):
-                spread[j, k] += (corners[i, j] - mean[j]) * (corners[i, k] - mean[k])
-    # The direction in which they spread most, by power iteration.
-    nx, ny, nz = 0.61, 0.53, 0.59
-    for _ in range(40):
-        x = spread[0, 0] * nx + spread[0, 1] * ny + spread[0, 2] * nz
-        y = spread[1, 0] * nx + spread[1, 1] * ny + spread[1, 2] * nz
-        z = spread[2, 0] * nx + spread[2, 1] * ny + spread[2, 2] * nz
-        length = math.sqrt(x * x + y * y + z * z) + 1e-300
-        nx, ny, nz = x / length, y / length, z / length
-    # Heights of all corners along it, from the middle of their span.
-    points = surface.reshape(-1, 3)
-    low, high = np.inf, -np.inf
-    heights = np.empty(len(points))
-    for i in range(len(points)):
-        heights[i] = nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2]
-        low, high = min(low, heights[i]), max(high, heights[i])
-    heights -= 0.5 * (low + high)
-    # What lies below the middle, and what lies above.
-    return _lower_part(surface, heights), _lower_part(surface, -heights)
-
-
-@njit(cache=True, nogil=True)
-def _lower_part(surface: Array, heights: Array) -> Array:
-    """The surface (., 3, 3) of that part of a convex polytope where heights are not above 0.
+def _lower_part(edges: Array, heights: Array) -> Array:
+    """Edges (., 2, 3) of that part of a convex polytope where heights are not above 0.
 
     Args:
-        surface: (k, 3, 3) triangles of the polytope.
-        heights: (3 k,) of their corners.
+        edges: (k, 2, 3) segments within the polytope, its own edges among them.
+        heights: (k, 2) of their ends.
     """
-    # Room for what is kept of each triangle, and for the rim of the cut.
-    kept = np.empty((3 * len(surface), 3, 3))
-    count = 0
-    polygon = np.empty((4, 3))
-    cut = np.empty((2, 3))
-    fan = np.empty(3)
-    closing = False
-    for t in range(len(surface)):
-        # Walk round the triangle's sides.
-        size = crossings = 0
-        for v in range(3):
-            w = (v + 1) % 3
-            a, b = heights[3 * t + v], heights[3 * t + w]
-            # A corner on this side of the plane stays.
-            if a <= 0.0:
-                polygon[size] = surface[t, v]
-                size += 1
-            # A side that crosses the plane is cut where it does.
-            if (a < 0.0 < b) or (b < 0.0 < a):
-                polygon[size] = surface[t, v] + a / (a - b) * (surface[t, w] - surface[t, v])
-                cut[crossings] = polygon[size]
-                size += 1
-                crossings += 1
-            elif a == 0.0 and crossings < 2:
-                cut[crossings] = surface[t, v]
-                crossings += 1
-        if size == 0:
-            continue
-        # The polygon that is left, as a fan of triangles; a single point or side as a flat one.
-        for v in range(2, max(size, 3)):
-            kept[count, 0] = polygon[0]
-            kept[count, 1] = polygon[min(v - 1, size - 1)]
-            kept[count, 2] = polygon[min(v, size - 1)]
-            count += 1
-        # Where the plane crosses the surface is the rim of the cut: a fan from any of its points.
-        if crossings == 2:
-            if not closing:
-                fan[:] = cut[0]
-                closing = True
-            kept[count, 0] = fan
-            kept[count, 1] = cut[0]
-            kept[count, 2] = cut[1]
-            count += 1
-    return kept[:count].copy()
+    # Edges that cross the plane are cut where they do.
+    crossing = heights.min(axis=1) * heights.max(axis=1) < 0.0
+    ends, (a, b) = edges[crossing], heights[crossing].T
+    rim = ends[:, 0] + (a / (a - b))[:, None] * (ends[:, 1] - ends[:, 0])
+    low = np.where((a < 0.0)[:, None], ends[:, 0], ends[:, 1])
+    kept = edges[(heights <= 0.0).all(axis=1)]
+    # The rim of the cut: from each point to the next around their middle.
+    rim = np.vstack([rim, edges[heights == 0.0]])
+    middle = rim - rim.mean(axis=0)
+    axes = np.linalg.svd(middle)[2]
+    order = np.argsort(np.arctan2(middle @ axes[1], middle @ axes[0]))
+    around = np.stack([rim[order], np.roll(rim[order], -1, axis=0)], axis=1)
+    return np.concatenate([kept, np.stack([low, rim[: len(low)]], axis=1), around])
 
 
 @njit(cache=True, nogil=True)

@@ -9,16 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_robot import bodies_meet, spheres_apart
-from placement_planner_ros.core.collision.arrays import (
-    PAIR_OUTER,
-    PAIR_OUTWARD,
-    PAIR_TABLE,
-    ArmArrays,
-    ArmScratch,
-    FlatArm,
-    scratch_for,
-)
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, FlatArm, scratch_for
 from placement_planner_ros.core.collision.edges import bound_motion
 from placement_planner_ros.core.collision.pair_tables import CELL_RAD, PairTables, cell_count
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
@@ -62,7 +55,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         )
         make = partial(_apart_bits, flat.arrays, scratch, row, limits, shape, clear)
         # One more table behind the others.
-        pairs[row, PAIR_TABLE] = len(tables)
+        pairs[row, at.PAIR_TABLE] = len(tables)
         lower.append([*limits[:, 0], 0.0][:2])
         shapes.append(shape)
         tables.append(recalled_result("pair tables", key, make))
@@ -117,7 +110,7 @@ def _fill_table(
 ) -> None:
     """All cells (m, n) of a table: a block at a time, and where that is open its quarters."""
     rows, columns = apart.shape
-    outer, joint = arm.pairs[pair, PAIR_OUTER], arm.pairs[pair, PAIR_OUTWARD]
+    outer, joint = arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
     dof = arm.fixed.shape[0] - 1
     q, delta = np.zeros(dof), np.zeros(dof)
     stack = np.empty((64, 3), dtype=np.int64)

@@ -14,7 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import PLACED_OBJECT, ArmCollision, Meeting
+from placement_planner_ros.core.collision.arm import (
+    PLACED_OBJECT,
+    ArmCollision,
+    CollisionSettings,
+    Meeting,
+)
 from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
@@ -75,10 +80,7 @@ class OpenHand:
         # What touches the object in each grasp, and the arm but for that.
         self._T_tip_zero = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
         self.touching = [self._touching_links(grasp) for grasp in range(len(arm.grasps))]
-        self._parting = [
-            self._open.with_pairs(lambda a, b, t=t: PLACED_OBJECT not in (a, b) or not t & {a, b})
-            for t in self.touching
-        ]
+        self._parting = [self._without(links) for links in self.touching]
         self._placed: pin.SE3 | None = None
 
     def release_free(self, q: Array) -> bool:
@@ -256,13 +258,18 @@ class OpenHand:
         step(f"looking what of arm {self._arm.name} leaves the object")
         self._open.place(pin.SE3(self._T_tip_zero) * self._arm.grasps[grasp])
         near = replace(self._open.settings, self_margin=_TOUCHING_M)
-        return frozenset(
-            link
-            for link in self._arm.touch_links
-            if not self._open.with_pairs(
-                lambda a, b, link=link: {a, b} == {link, PLACED_OBJECT}, near, environment=False
-            ).free(np.zeros(self._arm.dof))
+        return frozenset(link for link in self._arm.touch_links if self._touches(link, near))
+
+    def _touches(self, link: str, near: CollisionSettings) -> bool:
+        """Whether a link of the open hand is near to the placed object."""
+        alone = self._open.with_pairs(
+            lambda a, b: {a, b} == {link, PLACED_OBJECT}, near, environment=False
         )
+        return not alone.free(np.zeros(self._arm.dof))
+
+    def _without(self, links: frozenset[str]) -> ArmCollision:
+        """The arm, where these links may touch the object."""
+        return self._open.with_pairs(lambda a, b: PLACED_OBJECT not in (a, b) or not links & {a, b})
 
 
 def _unit_vectors(directions: tuple[tuple[float, float, float], ...]) -> list[Array]:

@@ -275,7 +275,8 @@ class StartState:
         pairs = pairs[joints[pairs[:, 0]] != joints[pairs[:, 1]]]
         apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
         near = apart <= radii[pairs[:, 0]] + radii[pairs[:, 1]] + margin
-        names, places, met = self._robot.geometry_links, self._places, {}
+        names, places = self._robot.geometry_links, self._places
+        met: dict[tuple[str, str], None] = {}
         for a, b in pairs[near].tolist():
             if self._overlaps.meet(a, b, places[a], places[b], margin):
                 met[sorted_pair(names[a], names[b])] = None

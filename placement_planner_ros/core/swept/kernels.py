@@ -8,15 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.collision.arrays import (
-    BODY_FIRST_SET,
-    BODY_JOINT,
-    NODE_SET,
-    NODE_SKIP,
-    SET_FIRST_NODE,
-    ArmArrays,
-    Indices,
-)
+from placement_planner_ros.core.collision import arrays as at
+from placement_planner_ros.core.collision.arrays import ArmArrays, Indices
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
@@ -53,12 +46,12 @@ def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) 
     for k in range(len(frames)):
         # The tree of spheres around the pieces of each body.
         for body in range(arm.moving):
-            joint = arm.bodies[body, BODY_JOINT]
-            node = arm.sets[arm.bodies[body, BODY_FIRST_SET], SET_FIRST_NODE]
-            last = arm.sets[arm.bodies[body + 1, BODY_FIRST_SET], SET_FIRST_NODE]
+            joint = arm.bodies[body, at.BODY_JOINT]
+            node = arm.sets[arm.bodies[body, at.BODY_FIRST_SET], at.SET_FIRST_NODE]
+            last = arm.sets[arm.bodies[body + 1, at.BODY_FIRST_SET], at.SET_FIRST_NODE]
             while node < last:
                 # A large sphere that is not a leaf: look at those below it.
-                if spheres[node, 3] > _COARSE_RADIUS_M and nodes[node, NODE_SET] < 0:
+                if spheres[node, 3] > _COARSE_RADIUS_M and nodes[node, at.NODE_SET] < 0:
                     node += 1
                     continue
                 # The sphere's centre from the corner of the cubes, and its reach; what is below it
@@ -68,7 +61,7 @@ def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) 
                 )
                 x, y, z = x - origin[0], y - origin[1], z - origin[2]
                 far = spheres[node, 3] + beyond
-                node = nodes[node, NODE_SKIP]
+                node = nodes[node, at.NODE_SKIP]
                 # Slabs of cubes along x that the ball reaches, and its square half width there.
                 for i in range(max(int((x - far) / size), 0), min(int((x + far) / size) + 1, nx)):
                     dx = (i + 0.5) * size - x

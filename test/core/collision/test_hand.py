@@ -3,9 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import trimesh
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.robot.model import Robot
@@ -67,20 +65,3 @@ def test_the_hand_collides_from_its_margin_on_less_what_it_may_be_off_by(reserve
     for off, collides in ((-1e-5, True), (1e-5, False)):
         for checker in (walled, bare):
             assert checker.hand_collides(at(0.95 - kept - off), slack, reserve) == collides
-
-
-def test_in_contact_the_object_in_the_hand_may_touch_but_not_the_hand():
-    mesh = trimesh.creation.box((0.04, 0.04, 0.04))
-    floor = np.mgrid[-0.2:0.2:0.008, -0.2:0.2:0.008, -0.6:-0.499:0.01].reshape(3, -1).T
-    checker, obstacles = checker_for(points=floor, body=Body.from_mesh(mesh.vertices, mesh.faces))
-    top = obstacles.upper[:, 2].max()
-    for height, without, within in (
-        (0.08 + 0.0031, False, False),
-        (0.08 + 0.0029, True, False),
-        (0.02 + 0.0031, True, False),
-        (0.02 + 0.0029, True, True),
-    ):
-        T = np.eye(4)
-        T[2, 3] = top + height
-        assert checker.hand_collides(T, 0.0) == without
-        assert checker.hand_collides(T, 0.0, contact=True) == within

@@ -66,15 +66,10 @@ def test_a_mesh_of_two_links_is_one_shape_and_made_once_for_all_processes(robot)
 
 def test_spheres_are_made_once_for_all_processes(robot):
     read, made = robot
-    trees = []
     for _ in range(2):
         shape = link_shapes.link_shapes(read())[0]
-        trees.append(spheres.sphere_trees(shape, 0.01))
+        disk_cache._recalled_results.cache_clear()  # as in another process
+        spheres.sphere_trees(shape, 0.01)
         assert made.count("_one_sphere_tree") == len(shape.sets)
-    for one, other in zip(*trees, strict=True):
-        assert one is not other
-        assert one.excess == other.excess
-        for name in ("centers", "radii", "inner", "skip", "leaf"):
-            assert np.array_equal(getattr(one, name), getattr(other, name))
     spheres.sphere_trees(shape, 0.02)
     assert made.count("_one_sphere_tree") == 2 * len(shape.sets)
