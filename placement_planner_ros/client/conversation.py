@@ -152,6 +152,7 @@ class Conversation:
             future = self._send(name, parameters)
         except _NOT_SENT as error:
             raise PlacementError(NO_NODE, f"ROS has been shut down here: {error}") from error
+        # however the wait ends, a run that was begun must not go on unheard
         latest = time.monotonic() + ANSWER_WITHIN
         try:
             if self.news.wait_until(lambda: future.done() or None, latest) is None:

@@ -179,6 +179,7 @@ class PlacementClient:
                 last run is another (WRONG_RUN).
         """
         talk = self._talk
+        # the answer says what was found, the status how it ended
         answer = talk.ask("stop_with", {"run": run})
         if answer.code not in ("OK", "NOT_RUNNING", "STOPPING"):
             raise answer.error
@@ -291,6 +292,7 @@ class PlacementClient:
                 if until(best):
                     return
             now, status = time.monotonic(), self.status
+            # the run has ended, or the time is up, or the node is gone
             of_run = status is not None and status.run == run
             heard_of = heard_of or of_run
             if status is not None and (status.ended if of_run else heard_of):

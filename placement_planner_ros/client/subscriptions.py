@@ -96,6 +96,7 @@ class Subscriptions:
         """With the lock held."""
         if (manifest := self._parts["solution"].get((run, number))) is None:
             return None
+        # each part by what it carries: the key, or the stamp of its manifest
         key, parts = f"{run}/{number}", self._parts
         pose = parts["placement_pose"].get(_stamp_of(manifest))
         trajectory = parts["trajectory"].get(key)

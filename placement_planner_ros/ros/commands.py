@@ -92,9 +92,11 @@ class Commands:
             parameters = self._parameters.with_changes(changes)
         except PlacementPlannerError:
             return refusal(self._parameters.faults(changes))
+        # one consistent moment of all inputs, or every fault
         snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
         if isinstance(snapshot, list):
             return refusal(snapshot)
+        # q_0 against limits, itself and, where they are there already, the clouds
         notes = start_notes(snapshot, self._environment_of(snapshot))
         self._number += 1
         run = Run(self._number, snapshot, self._prepare, self._reporter, self._warm)

@@ -188,6 +188,7 @@ class PlacementPlannerNode(ParameterNode):
             known = announced(robot, parameters, arm)
             limits = known.limits(not parameters.planner_settings.timing.chosen)
             self._log.event("; ".join(filter(None, (known.chain, known.torso, limits))))
+        # beside loading kernels, so that the first start finds all prepared
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()
         warm_up(robot, arms, q)

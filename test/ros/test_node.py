@@ -394,7 +394,12 @@ def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
     warming.start()
     b.wait(lambda: load_kernels.cache_info().currsize == 1, timeout=COMPILED)
     assert b.status().get("warm") == "false"
-    b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=b.feed)
+
+    def feed():  # without waiting, as the node may be compiling
+        b.cloud()
+        b.joint_state()
+
+    b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=feed)
     b.wait(lambda: b.status().get("warm") == "true")
     assert b.node._preparation._made is not None
 

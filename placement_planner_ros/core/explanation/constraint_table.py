@@ -125,6 +125,7 @@ def demands(search: Search) -> dict[str, str]:
         ("support_margin", footing, search.usual_support),
         ("cloud.cell_size", environment.measured, GridSettings()),
     )
+    # only what asks for more than is usual is worth changing
     for name, asked, default in lengths:
         field = name.removeprefix("cloud.")
         value, milder = getattr(asked, field), getattr(default, field)
@@ -167,6 +168,7 @@ def remedies_for(search: Search, verdict: Verdict) -> list[Remedy]:
         (", ".join(name.replace("<arm>", arm) for arm in arms) if "<arm>" in name else name, words)
         for name, words in row.inputs
     )
+    # values in force before inputs without a default
     values = ((name, asked[name]) for name in row.bearing if name in asked)
     return [Remedy(name, words) for name, words in (*values, *inputs)]
 

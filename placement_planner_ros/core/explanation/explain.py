@@ -47,6 +47,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
     environment, hierarchy = search.problem.environment, search.hierarchy
     steep = too_steep(environment)
     missing = search.poses.contacts.missing()
+    # what comes first in the search comes first here: regions, faces, then samples
     if not hierarchy.regions and missing is not None:
         told = Explanation(
             f"no placement region: {missing.words}", (Remedy(missing.parameter, missing.remedy),)
@@ -124,6 +125,7 @@ def _no_face_as_asked(search: Search) -> Explanation:
     ]
     remedies = [Remedy(name, "give another direction, or none: []") for name in blamed or alone]
     words = ""
+    # the least that the direction leans in any rest on any region
     lean = min(turns.least_lean(*pair) for pair in pairs) if settings.up else 0.0
     if lean > settings.up_tolerance:
         tilt = search.settings.tilt
@@ -173,6 +175,7 @@ def _ruling_remedies(search: Search, ruling: Ruling) -> list[Remedy]:
 
 def _out_of_reach(search: Search) -> dict[str, float]:
     """By arm, the m by which it is proven to fall short of every pose; 0 where it is not."""
+    # metres by which every cell is proven out of reach, of each holding
     beyond = search.bounds.beyond_reach(search.hierarchy.sets.cells).min(axis=0)
     least: dict[str, float] = {}
     for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):
@@ -215,6 +218,7 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
     """The constraint that let the smallest share of what came to it pass is the cause; those that
     let little pass are named beside it."""
     count = progress.count
+    # of the samples that came to each constraint the share that it let pass, in their order
     passed: dict[Verdict, tuple[float, int, int]] = {}
     left = count.samples
     for verdict, refused in count.verdicts.items():
@@ -222,6 +226,7 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
             # of two that let nothing pass, the one that more came to
             passed[verdict] = max(left - refused, 0.5) / (left + 1.0), refused, left
             left -= refused
+    # the narrowest is the cause; as narrow ones are named beside it
     ranked = sorted(passed, key=lambda verdict: passed[verdict][0])
     named = [verdict for verdict in ranked if verdict is ranked[0] or passed[verdict][0] <= _LITTLE]
     causes = []
@@ -249,6 +254,7 @@ def _broken_in_words(search: Search) -> str:
 def _count_words(search: Search, progress: Progress) -> list[str]:
     """What became of the samples of each face, of those with the most, and of each arm's tries."""
     by_face = progress.count.by_face
+    # the faces with the most samples
     totals = by_face.sum(axis=1)
     most = [
         face for face in np.argsort(-totals, kind="stable")[:NAMED_THINGS].tolist() if totals[face]

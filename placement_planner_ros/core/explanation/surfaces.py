@@ -85,6 +85,7 @@ def too_steep(environment: Environment) -> Explanation | None:
 def _beside_volume(environment: Environment, span: str, of_volume: str) -> Explanation:
     """V where surface was measured beside it, or where no part of what it holds is large enough."""
     volume, settings = environment.volume, RegionSettings()
+    # the widest floor of V must have room for a region
     sides = (volume.joined[:, 1] - volume.joined[:, 0])[:, :2]
     width, depth = sides[np.argmax(sides.prod(axis=1))]
     if width * depth < 2.0 * settings.min_area:
@@ -94,6 +95,7 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
             (Remedy("target_volume", "make it wider"),),
             (span,),
         )
+    # of all boxes of V the surface that is the least beyond one of them
     nearest = min(
         (found for box in volume.boxes if (found := _nearest_level(environment, box)) is not None),
         key=lambda found: abs(found[1]),
@@ -142,11 +144,13 @@ def _nearest_level(environment: Environment, box: Array) -> tuple[float, float] 
     middle = 0.5 * (measured.lower + measured.upper)
     over = ((middle[:, :2] >= box[0, :2]) & (middle[:, :2] <= box[1, :2])).all(axis=1)
     heights = measured.upper[over, 2]
+    # heights at which a good part of the floor of the box was measured
     levels, counts = np.unique(np.round(heights / _LEVEL_BIN), return_counts=True)
     area = min(_LEVEL_AREA, 0.5 * float((box[1] - box[0])[:2].prod()))
     levels = levels[counts * measured.cell_size**2 >= area] * _LEVEL_BIN
     if len(levels) == 0:
         return None
+    # 0 within the box, positive above it, negative below
     beyond = np.maximum(levels - box[1, 2], 0.0) + np.minimum(levels - box[0, 2], 0.0)
     best = int(np.argmin(np.abs(beyond)))
     return float(levels[best]), float(beyond[best])

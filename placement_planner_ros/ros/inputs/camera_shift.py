@@ -26,6 +26,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     Zeros where that is no more than joint values are true to, where too little of the robot is
     seen, or where no ordinary calibration explains it.
     """
+    # of the points by the robot some, with the normals of its surfaces there
     near = points[robot.near(points)]
     near = near[:: max(1, len(near) // _LOOKED_AT)]
     look = robot.look(near)
@@ -33,6 +34,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     signed = np.where(look.inside, -look.apart, look.apart)[rows]
     normals = (near - look.nearest)[rows] / signed[:, None]
     shift: Array = np.zeros(3)
+    # least squares, closer and closer: what is no part of the robot drops out
     for trusted in _TRUSTED_M:
         of_robot = np.abs(signed - normals @ shift) <= trusted
         n, along = normals[of_robot], signed[of_robot]

@@ -80,9 +80,11 @@ class MergedPoints:
         if edge != self.edge:
             return MergedPoints.of(self.points, edge).with_points(points, edge)
         limit = 1 << CUBE_BITS - 1
+        # one number for each cube, of the three along the axes
         cells = np.floor(points / edge)
         near = (np.abs(cells) < limit).all(axis=1)
         x, y, z = cells[near].astype(np.int64).T + limit
+        # of each cube the first point that comes, if none is in it yet
         coming, first = np.unique((x << 2 * CUBE_BITS) + (y << CUBE_BITS) + z, return_index=True)
         new = ~np.isin(coming, self.cubes, assume_unique=True)
         if not new.any():
@@ -125,6 +127,7 @@ class CloudStore:
         topic = cloud.topic
         with self._lock:
             before = self._latest.get(topic)
+        # compared without the lock, as that takes a while
         same = before is not None and before.eye == cloud.eye
         if before is not None and same:
             same = np.array_equal(before.points, cloud.points)

@@ -102,6 +102,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
     """Those of the fixed links that belong to the robot."""
     model, links = robot.model, np.array(robot.geometry_links)
     carrying = set()
+    # the link that carries the first joint on each chain
     for end in ends:
         joint = model.frames[robot.frame_id(end)].parentJoint
         while joint != 0 and model.parents[joint] != 0:
@@ -121,6 +122,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
 
     foot = set(carrying)
     for link in others:
+        # fixed links that reach into that one are the foot it stands on
         near = rows(np.isin(links, list(carrying)), link)
         if any(
             overlaps.depth(i, j, placements[i], placements[j], beyond=DEEP_M) > 0.0 for i, j in near

@@ -101,6 +101,7 @@ class Inputs:
         stamp = _seconds(message.header.stamp)
         if stamp is not None and stamp < 0.0:
             raise JointStateError("joint_states: header.stamp", stamp, "must not be negative")
+        # another robot has other joints
         known = self.robot.joint_names, self.robot.continuous_joints
         if known != self._known_joints:
             self._known_joints = known
@@ -121,6 +122,7 @@ class Inputs:
                 sensor the robot has moved since is left out, without a word where the topic has
                 delivered before.
         """
+        # whatever waited on this topic is outdated
         with self._lock:
             self._frames[topic] = message.header.frame_id
             self._waiting.pop(topic, None)
@@ -258,6 +260,7 @@ class Inputs:
         message, taken, arrival, _ = received
         robot, header = self.robot.robot, message.header
         frame = header.frame_id.removeprefix(parameters["frame_prefix"])
+        # where the frame was when the cloud was taken
         T_planning_cloud = self._frame_pose(frame, header.stamp, robot, parameters, wait=wait)
         points = points_from_message(message, T_planning_cloud)
         self._frames[topic] = frame

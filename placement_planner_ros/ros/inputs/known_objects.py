@@ -99,6 +99,7 @@ class KnownObjects:
         faults: list[PlacementPlannerError] = []
         with self._lock:
             things = dict(self._things)
+        # as RViz does: one after the other, on a copy
         for marker in message.markers:
             name = marker.ns, int(marker.id)
             if marker.action == Marker.DELETE:
@@ -110,6 +111,7 @@ class KnownObjects:
                 faults += [] if made.fault is None else [made.fault]
         with self._lock:
             before = self._things
+            # what is the same stays the same object, and so do its points
             for name, thing in things.items():  # many tell the same again and again
                 if name in before and thing.same(before[name]):
                     things[name] = before[name]
@@ -143,6 +145,7 @@ class KnownObjects:
         found = []
         for name, thing in things.items():
             T = pose_of(thing.frame) * thing.T_frame_thing
+            # its frame may have moved since it was asked for last
             if thing.placed is None or not thing.placed[0].isApprox(T, 1e-9):
                 corners = self._corners(thing)
                 surface = KnownSurface(corners @ T.rotation.T + T.translation)

@@ -57,6 +57,7 @@ class PlacedBody:
 
 @weak_lru_cache("surface", maxsize=2)
 def _within(surface: KnownSurface, lower: tuple[float, ...], upper: tuple[float, ...]) -> PointSet:
+    # cut by the six planes of the box, where any of it lies beyond
     vertices = surface.corners.reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     for axis in range(3):
@@ -78,6 +79,7 @@ def surface_points(corners: Array) -> Array:
     box of 2 m 17 s of work and 2.7 GB.
     """
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    # how many steps along the longest edge, and rows across it
     length, last = edges.max(axis=1), edges.argmax(axis=1)
     sides = corners[:, 1:] - corners[:, :1]
     height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.maximum(length, SAME_M)
@@ -85,10 +87,12 @@ def surface_points(corners: Array) -> Array:
     across = np.maximum(np.ceil(height / (0.7 * SPACING_M)), 1).astype(np.int64)
     turned = (last[:, None] + (2, 0, 1)) % 3  # the longest edge first
     found = []
+    # all triangles of the same steps at once
     for n, m in np.unique(np.column_stack([along, across]), axis=0).tolist():
         rows = np.flatnonzero((along == n) & (across == m))
         found.append((_lattice(n, m) @ corners[rows[:, None], turned[rows]]).reshape(-1, 3))
     points = np.vstack(found)
+    # edges are shared by two triangles: each point once
     x, y, z = ((points - points.min(axis=0)) / SAME_M).astype(np.int64).T
     _, first = np.unique((x << 42) + (y << 21) + z, return_index=True)
     return points[first]

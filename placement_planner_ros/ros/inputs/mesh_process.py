@@ -236,6 +236,7 @@ def main() -> None:
             seconds, *request = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
+        # of processor time, counted from the beginning of the process
         latest = int(time.process_time() + seconds) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (latest, resource.RLIM_INFINITY))
         pickle.dump(_answer(*request), out, protocol=5)

@@ -182,6 +182,7 @@ class ObjectInput:
 
     def _begin(self, parameters: ParameterSet) -> None:
         """Make the body that these parameters mean, and no longer the one before."""
+        # whatever was the object before is none from here on
         self._parameters = parameters
         before = self._key
         try:
@@ -220,6 +221,7 @@ class ObjectInput:
         def make(should_stop: ShouldStop) -> Body:
             try:
                 with MeshProcess(should_stop) as process:
+                    # arrays of the file or message, then the cover, each in the other process
                     vertices, triangles = given.arrays(process)
                     if should_stop():
                         raise MeshProcessStoppedError

@@ -87,6 +87,7 @@ class Reading(Generic[Made]):
                 that was asked for longest ago is.
         """
         with self._lock:
+            # the last of them is read next
             job = self._jobs.pop(key, None) or _Job(read)
             job.lasting |= lasting
             self._jobs[key] = job
@@ -162,6 +163,7 @@ class Reading(Generic[Made]):
                 if not left:
                     self._thread = None
                     return
+            # the newest first: who gave it waits for it
             key, job = left[-1]
             met: list[BaseException] = []
             job.made = survive(lambda: job.read(job.stop.is_set), met.append)  # noqa: B023

@@ -77,6 +77,7 @@ class RobotInput:
         self.follows_semantic_topic = not semantic
         self._arrived = False
         self._srdf: str | None = None
+        # what the operator names may be anywhere; else the bundled robot stands in
         if given:
             self._urdf, self._beside = description_text("robot_description", given, files)
         else:

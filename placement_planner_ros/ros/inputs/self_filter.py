@@ -84,11 +84,14 @@ class FilteredPoints:
         """
         signed = np.where(self.inside, -self.apart, self.apart)
         limit = np.full(int(self.solid.max(initial=-1)) + 2, OWN_M)
+        # rows of each surface after the other
         near = np.flatnonzero(self.padded & np.isfinite(signed))
         order = near[np.argsort(self.solid[near], kind="stable")]
         for rows in np.split(order, np.flatnonzero(np.diff(self.solid[order])) + 1):
+            # of one surface: how deep its points lie in it, positive inside
             depths = -signed[rows]
             if (depths > 0.0).sum() >= FEWEST_INSIDE:
+                # where most are is its surface as the sensor has it; the deepest tell the spread
                 most = max(float(np.median(depths)), 0.0)
                 deepest = float(np.percentile(depths[depths >= most], TAIL_PERCENT))
                 limit[self.solid[rows[0]]] = max(OWN_M, deepest - 2.0 * most)
@@ -134,11 +137,13 @@ class Outline:
             rows = _near(points, T, tree, cap)
             if not len(rows):
                 continue
+            # in the frame of the solid, whose tree stays as it is
             local = (points[rows] - T.translation) @ T.rotation
             signed, nearest = tree.distances(local, cap)
             apart, inside = np.abs(signed), signed <= 0.0
             found.inside[rows] |= inside
             found.padded[rows] |= inside | (apart <= padding)
+            # the nearest surface of all counts
             better = apart < found.apart[rows]
             found.apart[rows[better]] = apart[better]
             found.solid[rows[better]] = number
@@ -219,6 +224,7 @@ def near_points(
     around = rows_in_boxes(np.ascontiguousarray(points), boxes)  # most points are nowhere near
     kept = np.ones(len(points), np.bool_)
     points = points[around]
+    # how each point lies to the robot, and to the object in every grasp
     of_robot = robot.look(points)
     of_grasps = {grasp: outline.look(points) for grasp, outline in held.items()}
     beside_held = np.zeros(len(points), np.bool_)
@@ -229,9 +235,11 @@ def near_points(
     def things(others: Mask) -> Array:
         return _not_alone(points[others], tree, grid)
 
+    # beside the robot, and not on it: an obstacle whatever is held
     others = of_robot.padded & ~beside_held & ~of_robot.own()
     common = _pushed(things(others), (robot,), clear)
     aside = {}
+    # with the object in one grasp only what lies on it there is its own
     for grasp, look in of_grasps.items():
         others = beside_held & ~of_robot.joined(look).own()
         aside[grasp] = _pushed(things(others), (robot, held[grasp]), clear)
@@ -243,6 +251,7 @@ def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:
     """Those of points (n, 3) that have others of them around, or few points of any kind."""
     if not len(points):
         return points
+    # so many of them, and so many of any kind, lie within a cell of each
     together, around = (
         tree.query_ball_point(points, grid.cell_size, return_length=True)
         for tree in (cKDTree(points), everything)
@@ -261,6 +270,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         rows = np.flatnonzero((look.apart < clear) | look.inside)
         if not len(rows):
             break
+        # straight off the nearest surface; what is inside one goes through it
         away = points[rows] - look.nearest[rows]
         away[look.inside[rows]] *= -1.0
         length = np.maximum(look.apart[rows], ROUNDING_M)[:, None]

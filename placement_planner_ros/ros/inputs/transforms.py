@@ -60,6 +60,7 @@ class Transforms:
         for_target, for_source = (
             [f"{self._prefix}{name}", name] if self._prefix else [name] for name in (target, source)
         )
+        # the prefix is on both frames, on one or on none
         pairs = list(product(for_target, for_source))
         found = None
         for named in pairs:

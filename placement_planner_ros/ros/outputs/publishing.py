@@ -122,6 +122,7 @@ class Outputs:
 
         Its markers come last, as nobody acts on them.
         """
+        # the motion, with all joints where a controller wants them
         key, goal, frame = f"{run}/{number}", placement.goal, snapshot.frame
         trajectory, retreat = placement.trajectory, placement.retreat
         if snapshot.parameters["trajectory_joints"] == "all":
@@ -131,6 +132,7 @@ class Outputs:
                 opened = robot.with_open_hand(q, snapshot.arm(goal.arm))
                 retreat = with_all_joints(retreat, robot, opened)
         T, objective = placement.T_world_object, float(placement.objective)
+        # the manifest: numbers for programs, then words
         values = {
             "run": run,
             "solution": number,
@@ -163,6 +165,7 @@ class Outputs:
         if placement.terms:
             words += "; " + ", ".join(f"{name} {term:.3g}" for name, term in placement.terms)
         with self._lock:
+            # parts first, the manifest last
             header = Header(frame_id=frame, stamp=self._stamp())
             self._trajectory.publish(trajectory_message(trajectory, key))
             self._retreat.publish(trajectory_message(retreat, key))

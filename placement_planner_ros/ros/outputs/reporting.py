@@ -140,6 +140,7 @@ class Reporter:
             # The state first: what ended a run is then seen in all that is read after it.
             state = State.IDLE if run is None else run.state
             solutions, best = (0, None) if run is None else run.found
+            # what keeps the best from being carried out, and what the inputs are doing
             why_not = self._why_invalid(run, best)
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
@@ -221,6 +222,7 @@ class Reporter:
             self.left_start(run)
             if best is not None and run.environment is not None and not run.confirmed:
                 self._watch.look(run.snapshot, run.environment, best)
+        # counters at times, everything else as soon as it is another
         due = time.monotonic() - self._reported_at >= STATUS_PERIOD_S
         why_not = self._why_invalid(run, best)
         now = (state, solutions, why_not, self._warm.shown, self._read())

@@ -134,6 +134,7 @@ class ParameterServer:
             node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], values[spec.name])])
             return values[spec.name]
 
+        # declared one after the other, as some say which others there are
         self.current = ParameterSet(all_specs(declare), values, self._given)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)

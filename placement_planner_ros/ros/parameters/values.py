@@ -185,6 +185,7 @@ class ParameterSet:
 
     def _made(self, settings: Settings, paths: Mapping[str, str]) -> Any:
         """These settings with the values of parameters in the fields at their paths."""
+        # fields by the settings that hold them: "ik.sweep_step" is sweep_step of ik
         groups: dict[str, dict[str, Any]] = {"": {}}
         for name, path in paths.items():
             group, _, field = path.rpartition(".")

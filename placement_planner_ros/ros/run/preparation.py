@@ -135,6 +135,7 @@ class Preparation:
         self._calls.give_way()  # to the answer that there is a run
         try:
             with stoppable(should_stop):
+                # who prepares ahead lets go as soon as a run wants something else
                 while not self._making.acquire(timeout=LOOK_S):
                     step("making the environment of the clouds")
                 try:
@@ -192,6 +193,7 @@ class Preparation:
         """The environment, and what depends on robot and object alone, where they are others than
         last time; the lock is held."""
         before = self._made
+        # points first: where they are the same, so is what was made of them
         surroundings = Surroundings.of(snapshot, None if before is None else before.surroundings)
         if before is None or not before.surroundings.same(surroundings):
             same_scene = before is not None and before.surroundings.same_scene(surroundings)
@@ -202,9 +204,11 @@ class Preparation:
                 _ = scene.walls
             environment = surroundings.environment(scene)
             step("making boxes of the obstacle set")
+            # what the search would do first
             box_arrays(environment.obstacles)
             before = _Made(surroundings, scene, environment)
         self._made = made = _Made(surroundings, before.scene, before.environment)
+        # the same for every search with this robot and object
         robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:
             settings = snapshot.parameters.planner_settings.grasp
@@ -218,4 +222,5 @@ class Preparation:
             began = time.thread_time()
             if self._idle():
                 self.look()
+            # so that it takes its share of a core and no more
             rest = max(LOOK_S, (time.thread_time() - began) * (1.0 / CORE_SHARE - 1.0))

@@ -62,16 +62,19 @@ def take_snapshot(
             faults.append(error)
             return None
 
+    # clouds first: those that waited for their frame may be placed by now
     inputs.retry_clouds(parameters)
     needed = not len(inputs.known)
     mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
     faults += inputs.clouds.faults(mode, max_age, now, needed)
     parts = inputs.clouds.parts(mode)
+    # keys before what they stand for, so that what changes meanwhile is told as a change
     robot_key, changes = inputs.robot.key, inputs.known.changes
     robot = attempt(lambda: inputs.robot.robot)
     standing: _Standing | None = None
     arms: tuple[Arm, ...] = ()
     if robot is not None:
+        # every arm by itself, so that each fault is named
         made = [attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]]
         arms = tuple(arm for arm in made if arm is not None)
         standing = attempt(partial(_standing, inputs, robot, arms, parameters, now))
@@ -82,10 +85,12 @@ def take_snapshot(
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or standing is None or body is None:
         return faults
+    # what no joint moves is furniture, and leaves the robot
     fixed = attempt(partial(inputs.fixed_links, standing.robot, arms, parameters))
     surfaces = attempt(partial(inputs.known_surfaces, standing.robot, parameters))
     if fixed is None or surfaces is None:
         return faults
+    # of what is known only that counts which the arms can get to
     around = workspace(fixed.robot, arms, standing.q, body, parameters.volume)
     known = [surface.within(*around) for surface in (*fixed.surfaces, *surfaces)]
     parts += tuple(each for each in known if len(each.points))
@@ -106,6 +111,7 @@ def take_snapshot(
         (*standing.notes, *([str(fixed)] if fixed.furniture else []), *inputs.turned_notes()),
         changes,
     )
+    # what only the whole shows: faces for the contacts, cells for the volume
     attempt(lambda: require_face(body, parameters.planner_settings.contacts))
     attempt(lambda: require_grid(snapshot))
     return faults or snapshot
@@ -130,6 +136,7 @@ def _standing(
         PlacementPlannerError: q_0 is not known, or cannot be.
     """
     require_assumed(robot, parameters)
+    # joints that matter: those of the arms, those that carry them, and those on the way to sensors
     used = {joint for arm in arms for joint in arm.used_joints}
     matter = used.union(*(robot.joints_to(arm.tip_frame) for arm in arms))
     matter |= inputs.joints_to_sensors(robot, parameters)
@@ -141,19 +148,23 @@ def _standing(
         if inputs.robot.is_given:
             raise
         raise JointStateError("robot_description", "none has come", BUNDLED) from error
+    # numbers that no joint of an arm can have, as in other units
     robot.require_plausible(q, used)
+    # what is barely beyond a limit is planned from the limit, and told
     within = robot.within_limits(q, parameters["start_limit_tolerance"])
     notes = [
         f"{words}: taken to be at the limit, as it is no further beyond than start_limit_tolerance"
         for words in robot.limit_violations(q)
         if words not in robot.limit_violations(within)
     ]
+    # the others may move; what they carry is an obstacle where it is now
     others = set(robot.needed_joints) - matter
     moving = inputs.joints.moving(others, parameters["rest_speed"])
     if moving:
         names = f"{listed(sorted(moving))}: moving"
         notes.append(f"{names}, but of no arm and no sensor; planned with where they are now")
     joints = (*robot.needed_joints, *sorted(matter.difference(robot.needed_joints)))
+    # links that overlap here are not checked against each other
     standing = inputs.robot.standing_at(robot, within)
     return _Standing(standing, within, joints, tuple(moving), tuple(notes))
 
@@ -176,6 +187,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         settings.tilt,
         boxes_of(keep_out) if keep_out else None,
     )
+    # limits, self-collision, the clouds and the tilt, of each arm and grasp
     at_start = faults_at_start(robot, arms, q, body, rules)
     of_arms = [
         note

@@ -74,6 +74,7 @@ class Surroundings:
             return before
         size = snapshot.parameters.grid_settings.cell_size
         known = {} if before is None else before.clouds
+        # flying pixels take longest to tell, so they are remembered for each cloud
         keys = [(id(part.points), part.eye, part.placed, size) for part in snapshot.parts]
         clouds: dict[object, tuple[Array, int]] = {
             key: known.get(key) or _real_points(part, size)
@@ -81,12 +82,14 @@ class Surroundings:
         }
         parts = [(part, clouds[key][0]) for key, part in zip(keys, snapshot.parts, strict=True)]
         points = np.vstack([real for _, real in parts])
+        # what the robot and the object in its hand cover is left out of what sensors saw
         kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
             measured = [np.full(len(real), not part.placed) for part, real in parts]
             rows = np.flatnonzero(np.concatenate(measured))
             of_sensors = [real for part, real in parts if not part.placed]
             kept[rows], near = _beside_robot(snapshot, of_sensors)
+        # and of each cloud by itself, for its lines of sight and its heights
         split = np.split(kept, np.cumsum([len(real) for _, real in parts])[:-1])
         each = [(*part, hides) for part, hides in zip(parts, split, strict=True)]
         return cls(
@@ -166,6 +169,7 @@ class Surroundings:
         snapshot, parameters = self.snapshot, self.snapshot.parameters
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
         around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        # what no sensor saw is occupied, but around robot and object, which would start in it
         made = self.scene() if scene is None else scene
         if parameters["unknown_space"] != "free":
             made = made.with_unknown(
@@ -185,6 +189,7 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
     clear = parameters.planner_settings.collision.clear
+    # each cloud is moved to where the robot that it shows is
     points = np.vstack([np.zeros((0, 3)), *(each - camera_shift(robot, each) for each in clouds)])
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
@@ -196,6 +201,7 @@ def _real_points(part: PointSet, size: float) -> tuple[Array, int]:
     points, flies = part.points, np.zeros(len(part.points), np.bool_)
     if part.placed:
         return points, 0
+    # without a sensor's place nobody can tell flying pixels
     if part.origin is not None:
         flies = flying_pixels(points, part.origin)
     real = points[~flies] if flies.any() else points
@@ -226,6 +232,7 @@ def _sights(snapshot: Snapshot, each: list[_Filtered]) -> tuple[View, ...]:
 
     Lines of sight that pass through the box around an object placed since tell nothing any more.
     """
+    # a line through an object placed since was free before it stood there
     placed = [(real.min(axis=0), real.max(axis=0)) for part, real, _ in each if part.placed]
     sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
     for part, real, hides in each:
@@ -244,6 +251,7 @@ def _passes_through(points: Array, origin: Array, lower: Array, upper: Array) ->
     """(n,) whether the line from a place to each point passes through a box and out of it again."""
     along = points - origin
     with np.errstate(divide="ignore", invalid="ignore"):
+        # shares of the way at which the line meets the planes of the box, axis by axis
         first, second = (lower - origin) / along, (upper - origin) / along
         enters = np.nanmax(np.minimum(first, second), axis=1)
         leaves = np.nanmin(np.maximum(first, second), axis=1)
@@ -295,6 +303,7 @@ def require_grid(snapshot: Snapshot) -> None:
 
     if not too_many(*_workspace(snapshot)):
         return  # Without a look at the points, as start has little time.
+    # what was measured may be smaller than the workspace
     around = cropped(*_workspace(snapshot), np.vstack(snapshot.clouds), settings.cell_size)
     if around is not None and too_many(*around):
         lower, upper = around

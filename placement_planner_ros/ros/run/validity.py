@@ -50,9 +50,11 @@ class Way:
             origin: (3,) where the sensor was; None where that is not known, and flying pixels count
                 then.
         """
+        # what was known when it was planned is no news
         rows = self._space.news(points)
         if self._outline is not None and len(rows):
             rows = rows[self._outline.outside(points[rows])]
+        # what the way sweeps over meets the rest, or does not
         hit = self._space.first_hit(points[rows])
         if hit is not None and origin is not None:  # only now, for it takes longer than all else
             rows = rows[~flying_among(points, origin, rows)]
@@ -78,6 +80,7 @@ def way_of(snapshot: Snapshot, environment: Environment, placement: Placement) -
     goal, settings = placement.goal, snapshot.parameters.planner_settings.collision
     density = sum(map(len, snapshot.clouds)) / max(len(environment.measured), 1)
     obstacles = environment.obstacles_of(goal.arm, goal.grasp)[0]
+    # the way as it was planned, stretch by stretch
     stretches = _stretches(placement, snapshot, obstacles, settings)
     space = SweptSpace(stretches, obstacles, settings.collision_margin, density)
     return Way(space, _start_outline(snapshot, goal))
@@ -110,6 +113,7 @@ def _stretches(
         Stretch("transit", holding, _dense(path, 0.0, begin)),
         Stretch("approach", holding, _dense(path, begin, path.duration), contact, goal.slope),
     ]
+    # the hand opens where it is, then leaves the object that stands
     if placement.retreat is not None:
         opening = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
         sweeping = ArmCollision(opening, None, obstacles, settings)

@@ -77,6 +77,7 @@ class Watch:
         if before.placement is not placement:
             way = self._made(lambda: way_of(snapshot, environment, placement))
             before = _Looked(placement)
+        # what was merged once stays in the way until it is forgotten
         keeps = snapshot.parameters["cloud.mode"] == "merge"
         seen: dict[str, tuple[PointSet, str]] = {}
         for topic, cloud in clouds.items():

@@ -263,6 +263,7 @@ class Run:
         Raises:
             StoppedError: the run was told to end, or preparing took too long.
         """
+        # compiling may take minutes; a stop must not wait for it
         while not self._warm.is_set():
             if self._ending is not None:
                 raise StoppedError("waiting for compilation")
@@ -280,6 +281,7 @@ class Run:
             if self._ending is None:
                 raise
             return self._ending
+        # the search begins, unless a stop has come meanwhile
         self.planner, self.environment = prepared.planner, prepared.environment
         with self._publishing:
             if self._ending is None:
@@ -291,6 +293,7 @@ class Run:
         with contextlib.suppress(StoppedError), stoppable(self.should_stop):
             self._take_placements(prepared.planner)
         self._searched = time.monotonic() - began
+        # it ended because it was told to, or because nothing is left
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
         prepared.planner.explain()
         if outcome is State.EXHAUSTED:

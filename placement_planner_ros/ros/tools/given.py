@@ -53,6 +53,7 @@ def read_given(file: Path | None, overrides: Mapping[str, Any], findings: Findin
         value: Value = good.get(spec.name, spec.default)
         return value
 
+    # bad values are left out, so that all others are still looked at
     specs = all_specs(take)
     plain = ParameterSet(specs, {"arms": good["arms"]} if good.get("arms") else {}, values)
     for name, words in plain.unknown(n for n in values if not n.startswith(NOT_OURS)).items():

@@ -61,6 +61,7 @@ def _check(options: argparse.Namespace) -> int:
         "object.mesh": options.object,
     }
     overrides = {name: str(path.absolute()) for name, path in files.items() if path is not None}
+    # parameters as the node would take them
     given = read_given(options.params_file, overrides, findings)
     start: Mapping[str, Any] | None = None
     if options.params_file is not None:
@@ -68,6 +69,7 @@ def _check(options: argparse.Namespace) -> int:
             start = start_in(options.params_file)
     if start is None and not given.parameters["robot_description"]:
         start = START_CONFIGURATION  # the bundled robot's; at zero it hits itself
+    # robot, object and start as a run would begin with them
     snapshot = read_snapshot(given, options.joints, findings, start)
     if snapshot is not None:
         robot = snapshot.robot
@@ -137,6 +139,7 @@ def read_snapshot(
             where = "start" if joints is None else str(joints)
             q |= findings.attempt(lambda: positions_of(told, where)) or {}
         inputs.joints.update(list(q), list(q.values()), time.monotonic())
+    # a plane stands for the cloud that a camera would send
     plane = _plane_in(parameters.volume, 0.1)
     inputs.clouds.add(PointSet(plane, topic="points", time=time.monotonic()))
     taken = take_snapshot(inputs, parameters)
