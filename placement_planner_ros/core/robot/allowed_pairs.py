@@ -174,6 +174,7 @@ def derive_allowed_pairs(
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
     zero = follow_masters(ties, np.clip(np.zeros(model.nq), lower, upper))
     moved = {n + 1 for n in np.flatnonzero(zero).tolist() if n not in ties[:, 0]}
+    # The share that each pair needs; at the zero pose any.
     needed = np.array([OFTEN if apart[p] <= NEARBY else ALWAYS for p in undecided])
     at_zero = {
         n
@@ -286,6 +287,7 @@ class LinkPairs:
 
     def left_out_at(self, q: Array) -> tuple[LeftOut, ...]:
         """Those that overlap at q (nq,), where the robot stands: they are not in each other."""
+        # Those that overlap, and the joints between them.
         links = [self.pairs[number] for number in sorted(self.meeting_at(q))]
         joint = [
             [self._model.frames[self._model.getFrameId(link, BODY)].parentJoint for link in both]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -84,23 +84,9 @@ class Arm:
 
     @property
     def _content(self) -> tuple[Hashable, ...]:
-        return (
-            self.name,
-            self.tip_frame,
-            self.joints,
-            tuple(grasp.homogeneous.tobytes() for grasp in self.grasps),
-            self.touch_links,
-            self.gripper_joints,
-            self.gripper_open,
-            self.q_index.tobytes(),
-            self.lower.tobytes(),
-            self.upper.tobytes(),
-            self.velocity.tobytes(),
-            self.acceleration.tobytes(),
-            self.continuous,
-            self.turnable,
-            self.ties.tobytes(),
-        )
+        values = [getattr(self, each.name) for each in fields(self) if each.name != "grasps"]
+        poses = (grasp.homogeneous for grasp in self.grasps)
+        return tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in (*values, *poses))
 
     @property
     def dof(self) -> int:

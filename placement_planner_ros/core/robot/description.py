@@ -160,6 +160,7 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
             that planning cannot use.
     """
     root, limits = read_xml(text, "robot_description"), limits or {}
+    # The right kind of file.
     if root.tag != "robot":
         raise RobotError(
             "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
@@ -243,6 +244,7 @@ def read_floats(text: str, count: int, field: str) -> Array:
         RobotError: anything else.
     """
     try:
+        # So many finite numbers.
         values = np.array([float(word) for word in text.split()])
     except ValueError as error:
         raise RobotError(field, text, f"give {count} numbers") from error
@@ -257,6 +259,7 @@ def read_origin(element: ET.Element, field: str) -> pin.SE3:
     Raises:
         RobotError: not three finite numbers each for xyz and rpy.
     """
+    # Nothing said is no offset.
     origin = element.find("origin")
     if origin is None:
         return pin.SE3.Identity()
@@ -278,6 +281,7 @@ def _check_tree(root: ET.Element) -> None:
     if not 0 < len(links) <= MAX_LINKS:
         words = f"{len(links)} links"
         raise RobotError("robot_description", words, f"a robot has 1 to {MAX_LINKS}")
+    # A second one of a name would stand in for the first.
     twice = [name for names in (links, joints) for name in set(names) if names.count(name) > 1]
     if twice:
         raise RobotError("robot_description", min(twice), "occurs twice; names are unique")
@@ -288,6 +292,7 @@ def _check_tree(root: ET.Element) -> None:
         if child in parents:
             raise RobotError(f"link {child}", name, "a link is the child of one joint only")
         parents[child] = parent
+    # One link that nothing carries.
     roots = [link for link in links if link not in parents]
     if len(roots) > 1:
         raise RobotError(
@@ -449,6 +454,7 @@ def _read_mimic(name: str, elements: dict[str, ET.Element], warnings: list[str])
     multiplier, offset, current = 1.0, 0.0, name
     seen = [name]
     while (mimic := elements[current].find("mimic")) is not None:
+        # What one joint does of another, and that one of a third.
         field = f"joint {current}: mimic"
         offset += multiplier * _number_in(mimic, "offset", 0.0, field)
         multiplier *= _number_in(mimic, "multiplier", 1.0, field)

@@ -87,6 +87,7 @@ CoverMaker = Callable[[Sequence[LinkMesh]], Sequence[Cover]]
 
 def make_covers(meshes: Sequence[LinkMesh]) -> list[Cover]:
     """The covers of these meshes, from disk where they were made before."""
+    # Each within the tolerance of its size.
     arguments = [(mesh.vertices, mesh.triangles, mesh.tolerance) for mesh in meshes]
     return [kept_cover(*each, functools.partial(convex_cover, *each)) for each in arguments]
 
@@ -126,6 +127,7 @@ class ShapesError(RobotError):
 
     def __init__(self, faults: Sequence[RobotError]) -> None:
         self.faults = tuple(faults)
+        # Faults with one remedy are told together.
         alike: dict[str, list[str]] = {}
         for fault in faults:
             alike.setdefault(fault.remedy, []).append(f"{fault.field} {fault.value!s:.200}")
@@ -223,6 +225,7 @@ def _read_shape(
         return meshes.shape(shape.get("filename", ""), scale, link, field)
     if shape.tag not in PRIMITIVES:
         raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
+    # Its sizes, all of them above zero.
     make, counts = PRIMITIVES[shape.tag]
     sizes = [read_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
     values = np.concatenate(sizes)
@@ -308,6 +311,7 @@ class _Meshes:
         if key not in self._shapes:
             if path not in self._read:
                 self._read[path] = self._arrays(path, field)
+            # The file, read when it is first asked for.
             vertices, triangles = self._read[path]
             if np.prod(scale) < 0.0:
                 triangles = triangles[:, ::-1]  # a mirrored solid faces outward as before
@@ -325,6 +329,7 @@ class _Meshes:
         except Exception as error:  # whatever loaders raise at what they are given
             reason = str(error) or type(error).__name__
             raise RobotError(f"{field}: mesh", str(path), f"cannot be read: {reason}") from error
+        # Too many triangles, here or together with those before.
         self._triangles += len(triangles)
         if len(triangles) > MAX_TRIANGLES or self._triangles > MAX_ALL_TRIANGLES:
             raise RobotError(
@@ -349,6 +354,7 @@ def mesh_shape(
     vertices = vertices * scale
     if not len(vertices) or not len(triangles):
         raise RobotError(field, name, "is empty")
+    # Coordinates that no link has.
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise RobotError(field, name, f"has {bad} vertices that are not finite")
@@ -390,6 +396,7 @@ def convex_geometry(part: ConvexPart) -> coal.Convex:
 def triangle_geometry(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.BVHModelOBBRSS:
     """Triangles (t, 3) of vertices (n, 3) as a coal surface."""
     mesh = coal.BVHModelOBBRSS()
+    # A tree of boxes over all triangles.
     mesh.beginModel(len(triangles), len(vertices))
     mesh.addVertices(np.ascontiguousarray(vertices, np.float64))
     mesh.addTriangles(np.ascontiguousarray(triangles, np.int32))

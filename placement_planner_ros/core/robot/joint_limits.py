@@ -109,6 +109,7 @@ def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
     off = {kind for kind in _KINDS if values.get(f"has_{kind}_limits") is False}
     numbers: dict[str, float | None] = {}
     for name in _NUMBERS:
+        # A number, or nothing.
         value = values.get(name)
         kind = name.partition("_")[2]
         if value is None or kind in off:
@@ -123,5 +124,6 @@ def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
             raise RobotError(field, value, "give a finite number, above zero unless a position")
         numbers[name] = float(value)
     lower, upper, velocity, up, down = (numbers[name] for name in _NUMBERS)
+    # The smaller of both accelerations.
     rates = [rate for rate in (up, down) if rate is not None]
     return JointLimit(lower, upper, velocity, min(rates, default=None))

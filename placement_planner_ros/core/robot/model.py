@@ -124,6 +124,7 @@ class Robot:
         # Kinematics, then geometry.
         description = read_urdf(urdf_text, joint_limits)
         model = description.build_model()
+        # In the order of their coordinates.
         joints = [description.joints[name] for name in model.names[1:]]
         geometry, geometry_links, covers, notes = build_geometry(
             description.root, model, package_dirs, cover
@@ -149,6 +150,7 @@ class Robot:
             semantic = pairs.read_srdf(srdf, links)
             allowed, passive = semantic.allowed, semantic.passive
             warnings.extend(semantic.warnings)
+        # What is left is checked.
         _add_collision_pairs(geometry, geometry_links, allowed)
         return cls(
             name=str(description.root.get("name")),
@@ -180,6 +182,7 @@ class Robot:
         """
         if self.left_out is None:
             return self
+        # Pairs that overlap there, if any.
         found = _near_pairs(self).left_out_at(q)
         if not found:
             return self
@@ -264,6 +267,7 @@ class Robot:
 
         A plan begins there. Coupled joints stay as they are.
         """
+        # Whole turns of joints that are tied to none.
         endless = np.isin(self.joint_names, list(self.continuous - self._coupled))
         return np.asarray(q - np.where(endless, 2.0 * np.pi * np.round(q / (2.0 * np.pi)), 0.0))
 
@@ -272,6 +276,7 @@ class Robot:
 
         0 for joints that follow others, which may do so at another pace.
         """
+        # Of joints without end stops without whole turns.
         away = np.abs(a - b)
         endless = np.isin(self.joint_names, list(self.continuous))
         wrapped = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
@@ -288,6 +293,7 @@ class Robot:
         Raises:
             StartError: by more than `FAR_BEYOND`.
         """
+        # Of these joints those that are far beyond.
         far = self._beyond(q) > FAR_BEYOND
         far &= np.isin(self.joint_names, list(joints))
         if far.any():
@@ -391,6 +397,7 @@ class Robot:
         Raises:
             RobotError: no such link, or a joint moves it.
         """
+        # A link that stands still.
         if not self.has_link(frame):
             words = (
                 "is no link of the robot; name one, or add it by a fixed joint, or leave it empty"
@@ -441,6 +448,7 @@ class Robot:
             )
         # Joints on the way to the tip, in their order.
         chain = self._chain_joints(tip_frame)
+        # Those chosen, if any are; each of them once.
         joints = chain if joints is None else tuple(joints)
         if not joints:
             raise RobotError(f"{where}: joints", [], f"no movable joint leads to {tip_frame}")
@@ -576,6 +584,7 @@ class Robot:
                 list(gripper_open),
                 f"give one value for each of gripper_joints {list(gripper_joints)}",
             )
+        # Joints of the hand alone, within their limits.
         for joint, value in zip(gripper_joints, gripper_open, strict=True):
             field = f"{where}: gripper_joints"
             if joint not in self.joint_names:
@@ -616,6 +625,7 @@ def _without_pairs(robot: Robot, found: tuple[pairs.LeftOut, ...]) -> Robot:
 
 def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
     """What to say of pairs that were left out without an SRDF."""
+    # Neighbours are counted, the others told one by one.
     hidden = [each for each in left_out if each.can_hide]
     plain = len(left_out) - len(hidden)
     words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
@@ -631,6 +641,7 @@ def _add_collision_pairs(
     allowed: frozenset[pairs.Pair],
 ) -> None:
     """Pairs of objects on links that can move against each other and are not allowed to touch."""
+    # Shapes on two joints, but for pairs that are allowed.
     joints = [thing.parentJoint for thing in geometry.geometryObjects]
     meet = np.zeros((len(joints), len(joints)), dtype=np.bool_)
     for i, j in itertools.combinations(range(len(joints)), 2):

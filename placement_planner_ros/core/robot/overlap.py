@@ -168,6 +168,7 @@ class Overlaps:
         """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
+        # Between how far it still overlaps and how far it does not.
         near, far = self._freed(i, j, T_i, T_j, resolution, beyond=beyond)
         return 0.0 if near < beyond else far
 
@@ -204,6 +205,7 @@ class Overlaps:
             near, far = far, 1.5 * far
         if near == 0.0 and beyond > 0.0:
             return near, far
+        # Halved until the resolution.
         far = max(min(far, float(bounds[0])), ROUNDING_M)
         while far - near > resolution:
             middle = 0.5 * (near + far)

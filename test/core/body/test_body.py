@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from helpers.shared import SHARED
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_cover import hull_cover
@@ -247,20 +246,6 @@ def test_bad_meshes_are_refused(vertices, triangles, options, message):
     with pytest.raises(ObjectError, match=message) as refused:
         Body.from_mesh(vertices, triangles, **options)
     assert refused.value.code == "BAD_OBJECT"
-
-
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("bowl", 2), ("plate", 2), ("milk", 5), ("cereal", 6)],
-)
-def test_household_objects(name, count):
-    path = SHARED / "data" / "objects" / f"{name}.stl"
-    if not path.exists():
-        pytest.skip("shared data not here")
-    mesh = trimesh.load(path)
-    body = body_of(mesh)
-    assert len(body.faces) == count
-    assert len(body.volume_points) > 500
 
 
 def test_triangles_that_disagree_are_turned():

@@ -101,15 +101,6 @@ def test_noise_does_not_keep_what_is_round_from_rolling(name):
     assert any(rest.rolls for rest in made)
 
 
-def test_rests_of_a_round_side_lie_all_around_it():
-    tipping, made = found(SHAPES["cylinder of 64"]())
-    sides = tipping.normals[[rest.facet for rest in made if rest.rolls]]
-    angles = np.sort(np.arctan2(sides[:, 1], sides[:, 0]))
-    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
-    assert gaps.min() >= 0.8
-    assert gaps.max() < 1.7
-
-
 def test_what_could_roll_is_offered_only_when_allowed():
     mesh = SHAPES["cylinder of 32"]()
     body = Body.from_mesh(mesh.vertices, mesh.faces)

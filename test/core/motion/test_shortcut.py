@@ -48,12 +48,6 @@ def test_shorter_with_the_same_ends_and_free(seed, attempts, tries):
     assert length(result) < 0.8 * length(path)
 
 
-def test_nothing_free_leaves_the_path_as_it_is():
-    path = wandering_path(np.random.default_rng(2))
-    result = shorten_path(path, lambda a, b: False, np.random.default_rng(0), 50)
-    np.testing.assert_array_equal(result, path)
-
-
 def test_every_new_edge_was_asked_for():
     path = wandering_path(np.random.default_rng(3))
     certified = [*pairwise(path)]

@@ -78,19 +78,6 @@ def test_a_stop_in_the_middle_of_a_round_favours_no_arm():
     assert left + right == 20 * 70
 
 
-def test_an_arm_that_got_its_goals_late_catches_up():
-    motion = planner([holding("left"), holding("right")])
-    motion.add(goal("left", SEALED))
-    for _ in range(4):
-        motion.plan(50, lambda: False)
-    motion.add(goal("right", OPEN))
-    found, path = motion.plan(50, lambda: False)
-    assert found.arm == "right"
-    assert spent(motion)["left", 0] == 200, "the arm with fewer iterations was first"
-    np.testing.assert_array_equal(path[[0, -1]], [np.ones(2), OPEN])
-    assert all(sealed_corner(a, b) for a, b in pairwise(path))
-
-
 def test_goals_that_resist_starve_no_other():
     """More of them than are active at a time, all of them better."""
     motion = planner([holding("left")], active_goals=2, patience=30)

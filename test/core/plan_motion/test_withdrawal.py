@@ -90,11 +90,3 @@ def test_what_is_out_already_is_left_alone_and_so_is_what_cannot_move():
     stuck = holding(lambda x, y: (x, y) == tuple(GOAL))
     np.testing.assert_array_equal(straight_way(stuck, GOAL), GOAL[None])
     assert winding_way(stuck, GOAL[None], rng) is None
-
-
-def test_a_stop_ends_the_search():
-    asked = []
-    hand = holding(in_corridor)
-    stopped = winding_way(hand, GOAL[None], np.random.default_rng(0), lambda: not asked.append(1))
-    assert stopped is None
-    assert len(asked) == 1

@@ -1,7 +1,5 @@
 """Which links are not checked against each other where no SRDF says so."""
 
-from itertools import pairwise
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -76,23 +74,6 @@ def test_links_that_cannot_be_at_zero_have_no_zero_pose():
 
     assert why(folding((-0.5, 3.0)))["a", "c"].reason == "zero"
     assert ("a", "c") not in why(folding((0.5, 3.0)))
-
-
-@pytest.mark.parametrize(("between", "left_out"), [("bc", True), ("bcd", False)])
-def test_that_far_links_overlap_at_zero_proves_nothing(between, left_out):
-    names = ["base", *between, "last"]
-    robot = robot_of(
-        link("base", ("0.1 0.1 0.1", "0 0 0")),
-        *(link(name, ("0.001 0.001 0.001", "0.5 0 0")) for name in between),
-        link("last", ("0.05 0.05 0.3", "0 0 -0.15")),
-        *(
-            joint(f"to_{below}", above, below, "0 0 0.05", limits=(-3.0, 3.0))
-            for above, below in pairwise(names)
-        ),
-    )
-    assert (why(robot).get(("base", "last")) is not None) == left_out
-    standing = robot.standing_at(np.zeros(len(between) + 1))
-    assert (("base", "last") in standing.allowed_pairs) == left_out
 
 
 def test_mimic_joints_follow_while_sampling():

@@ -124,15 +124,6 @@ def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
     assert len(known.notes()) == 2
 
 
-def test_chosen_joints_and_plain_arms_are_no_news():
-    robot = tower({"spin": JointLimit(velocity=1.0)})
-    arm = robot.arm("arm", "c", joints=["swing", "spin"])
-    known = announce_arm(robot, arm, derived=False)
-    assert known.shared == {}
-    assert known.notes() == []
-    assert "as chosen: swing, spin" in known.chain
-
-
 def test_joints_that_move_together_have_limits_that_fit_each_other():
     """A lift of two stages: what the second does is the first's; a head that rises with both."""
     shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'

@@ -139,35 +139,6 @@ def test_used_configurations_are_free(model, geometry, positions):
     assert (q <= model.upperPositionLimit).all()
 
 
-def disabled_pairs() -> dict[tuple[str, str], str]:
-    return {
-        tuple(sorted((e.get("link1"), e.get("link2")))): e.get("reason")
-        for e in ET.parse(SRDF).getroot().iter("disable_collisions")
-    }
-
-
-def test_pairs_disabled_as_never_do_not_meet(model, geometry):
-    """Hits among random configurations: none for Never, each for Adjacent."""
-    disabled = disabled_pairs()
-    for side in "lr":  # one rigid body, which coal is not asked about
-        assert disabled.pop((f"gripper_{side}_base", f"yumi_link_7_{side}")) == "Adjacent"
-    rng = np.random.default_rng(5)
-    hits = dict.fromkeys(disabled, 0)
-    count = 60
-    for _ in range(count):
-        drawn = rng.uniform(model.lowerPositionLimit, model.upperPositionLimit)
-        q = configuration(model, dict(zip(model.names[1:], drawn, strict=True)))
-        for pair in collides(model, geometry, q) & set(disabled):
-            hits[pair] += 1
-    for pair, reason in disabled.items():
-        if reason == "Never":
-            assert hits[pair] == 0, pair
-        elif reason == "Adjacent":
-            assert hits[pair] == count, pair
-        else:
-            assert reason == "User", pair
-
-
 def test_link_extents(model, geometry):
     """The covers reach as far as the measured links, and at most 1 cm further."""
     measured = {
@@ -222,10 +193,3 @@ def chain_of(links, kind="revolute", attributes=""):
 def test_more_than_can_be_planned_with_is_refused_with_its_number(text, words):
     with pytest.raises(RobotError, match=words):
         Robot.from_urdf(text)
-
-
-def test_what_is_no_part_of_the_kinematics_may_be_deep_and_long():
-    many = " ".join(f'a{n}="1"' for n in range(5000))
-    text = chain_of(3, attributes=many).replace("<origin", f"<a {many}/><origin {many}")
-    deep = "<gazebo>" + "<a>" * 20_000 + "</a>" * 20_000 + "</gazebo></robot>"
-    assert Robot.from_urdf(text.replace("</robot>", deep)).model.nq == 2
