@@ -211,7 +211,7 @@ def lay_out_arm(
             dtype=np.int64,
         ).reshape(-1, 5),
         tables=NO_TABLES,
-        **stack_bodies(rows, joints, balls),
+        **_stack_bodies(rows, joints, balls),
     )
     set_body = np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows])
     return FlatArm(arrays, sum(sizes), ordered, set_body, rows)
@@ -220,6 +220,20 @@ def lay_out_arm(
 def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     """T_joint_world of the joint that a body belongs to, with all joints at zero."""
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
+
+
+def lone_body(rows: SolidRows) -> FlatArm:
+    """A body that frame 0 moves, as an arm without joints."""
+    arrays = ArmArrays(
+        fixed=np.eye(4)[None],
+        prismatic=np.zeros(0, dtype=np.bool_),
+        moving=1,
+        held=-1,
+        pairs=np.zeros((0, 5), dtype=np.int64),
+        tables=NO_TABLES,
+        **_stack_bodies([rows], [0], [rows.ball()]),
+    )
+    return FlatArm(arrays, 0, (), np.zeros(len(rows.radius), dtype=np.int64), (rows,))
 
 
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
@@ -262,7 +276,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
-def stack_bodies(
+def _stack_bodies(
     bodies: Sequence[SolidRows], joints: Sequence[int], balls: Sequence[Array]
 ) -> dict[str, Any]:
     """The rows of bodies (b), of joints (b), one below the other."""

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.arrays import FlatArm, scratch_for
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.collision.swept_object import (
@@ -61,10 +60,7 @@ class ObjectCollision:
         )
         self._obstacles = obstacles
         self._boxes: dict[Slope, BoxArrays] = {}
-        self._object = swept_object(body)
-        arrays = self._object.arm
-        sets = np.zeros(len(arrays.radius), dtype=np.int64)
-        self._scratch = scratch_for(FlatArm(arrays, 0, (), sets, ()), len(obstacles))
+        self._object, self._scratch = swept_object(body, len(obstacles))
 
     def free(
         self,

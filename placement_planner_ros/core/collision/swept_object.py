@@ -22,10 +22,10 @@ from placement_planner_ros.core.collision.against_boxes import (
     open_leaves_meet_boxes,
 )
 from placement_planner_ros.core.collision.arrays import (
-    NO_TABLES,
     ArmArrays,
     ArmScratch,
-    stack_bodies,
+    lone_body,
+    scratch_for,
 )
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.placing import place_frame
@@ -57,8 +57,12 @@ class SweptObject(NamedTuple):
     """(f,) of the planes."""
 
 
-def swept_object(body: Body) -> SweptObject:
-    """Lay out an object: one ball around each of its sets, which hold every vertex twice."""
+def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
+    """Lay out an object: one ball around each of its sets, which hold every vertex twice.
+
+    Args:
+        boxes: how many obstacles the work space is for.
+    """
     rows = SolidRows.joined([SolidRows.of(solid.shape, None) for solid in object_solids(body)])
     ends = np.append(rows.sets[1:, at.SET_FIRST_VERTEX], len(rows.vertices))
     parts = np.split(rows.vertices, ends[:-1])
@@ -67,16 +71,9 @@ def swept_object(body: Body) -> SweptObject:
         vertices=np.vstack([part for part in parts for _ in range(2)]),
         sets=rows.sets * np.where(np.arange(4) == at.SET_FIRST_VERTEX, 2, 1),
     )
-    arm = ArmArrays(
-        fixed=np.eye(4)[None],
-        prismatic=np.zeros(0, dtype=np.bool_),
-        moving=1,
-        held=-1,
-        pairs=np.zeros((0, 5), dtype=np.int64),
-        tables=NO_TABLES,
-        **stack_bodies([rows], [0], [rows.ball()]),
-    )
-    return SweptObject(arm, rows.node_spheres.copy(), rows.planes[:, 3].copy())
+    flat = lone_body(rows)
+    at_rest = rows.node_spheres.copy(), rows.planes[:, 3].copy()
+    return SweptObject(flat.arrays, *at_rest), scratch_for(flat, boxes)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

@@ -6,20 +6,21 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.against_boxes import (
-    SetRows,
-    SetsInWorld,
+    _polytope_meets_box,
     boxes_apart,
     distance_bounds,
-    polytope_meets_box,
 )
+from placement_planner_ros.core.collision.arrays import lone_body, scratch_for
 from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.collision.placing import place_body, place_frame, place_planes
 from placement_planner_ros.core.collision.separation import (
     COLLIDING,
     FREE,
     UNDECIDED,
     check_separation,
 )
-from placement_planner_ros.core.collision.shapes import convex_polytope
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, convex_polytope
+from placement_planner_ros.core.collision.solids import SolidRows
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 
 NEAR = 1e-5
@@ -118,17 +119,20 @@ def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(cl
             continue
         hull = convex_polytope(a)
         radius = rng.choice([0.0, 0.05])
-        points = np.vstack([np.full((1, 3), 9.0), hull.vertices, np.full((1, 3), -9.0)])
-        planes = np.column_stack([hull.normals, hull.offsets])
-        bounds = np.zeros((3, 6))
-        bounds[2] = *(a.min(axis=0) - radius), *(a.max(axis=0) + radius)
-        last = len(planes) if rng.random() < 0.8 else 0
-        world = SetsInWorld(points, planes, bounds, np.zeros((6, 4)))
-        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius, closed)
+        last = rng.random() < 0.8
+        of_planes = (hull.normals, hull.offsets) if last else (np.zeros((0, 3)), np.zeros(0))
+        whole = ConvexSet(hull.vertices, *of_planes, radius)
+        flat = lone_body(SolidRows.of(Shape((whole,)), None))
+        arm, scratch = flat.arrays, scratch_for(flat, 2)
+        place_frame(scratch, 0, np.eye(4))
+        place_body(arm, scratch, 0)
+        place_planes(arm, scratch, 0)
+        scratch.sweep[0] = 0.0 if closed else 1.0
+        planes, bounds = np.column_stack([hull.normals, hull.offsets]), scratch.bounds
         corners = np.vstack([np.full((1, 6), 7.0), box])
 
-        def meets(need, hit, world=world, rows=rows, corners=corners):
-            return polytope_meets_box(world, rows, corners, 1, need, hit)
+        def meets(need, hit, arm=arm, scratch=scratch, corners=corners):
+            return _polytope_meets_box(arm, scratch, 0, corners, 1, (need, hit))
 
         gap = d - radius
         if gap < 0.0:
@@ -141,19 +145,19 @@ def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(cl
         beyond = (planes[:, :3] @ corners_of(box[0]).T).min(axis=1) - planes[:, 3]
         for need in (gap - NEAR, beyond.max() - radius - NEAR):
             assert meets(need, need) == FREE
-            plane = int(world.work[5, 3])
+            plane = int(scratch.work[5, 3])
             if plane >= 0:
                 by_plane += 1
                 assert beyond[plane] >= need + radius
             else:
                 assert not last or beyond.max() < need + radius + 2e-6
         # Planes that enclose more than the set tell nothing of what lies behind them.
-        planes[:, 3] += 0.5
+        scratch.planes[:, 3] += 0.5
         assert closed or meets(gap - NEAR, gap - NEAR) == FREE
         # Boxes around both keep apart what an axis does.
-        apart = max((box[0, :3] - bounds[2, 3:]).max(), (bounds[2, :3] - box[0, 3:]).max())
-        assert boxes_apart(bounds, 2, corners, 1, apart - NEAR)
-        assert not boxes_apart(bounds, 2, corners, 1, apart + NEAR)
+        apart = max((box[0, :3] - bounds[0, 3:]).max(), (bounds[0, :3] - box[0, 3:]).max())
+        assert boxes_apart(bounds, 0, corners, 1, apart - NEAR)
+        assert not boxes_apart(bounds, 0, corners, 1, apart + NEAR)
     assert by_plane > 50
     assert deep > 20
 
