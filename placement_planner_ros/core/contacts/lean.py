@@ -144,8 +144,9 @@ class LeanContact:
         for row in np.flatnonzero(result):
             frame = self._frames[walls[row]]
             center = T[row, :3, :3] @ self._body.center_of_mass + T[row, :3, 3]
-            points = (corners[row][touching[row]] @ frame for touching in (floor, against))
-            result[row] = self._held(*points, float(self._tilts[walls[row]]), center @ frame)
+            under, behind = (corners[row][on[row]] @ frame for on in (floor, against))
+            tilt = float(self._tilts[walls[row]])
+            result[row] = self._held(under, behind, tilt, center @ frame)
         return result
 
     def _touching(self, T: Array, features: Index) -> tuple[Array, Mask, Mask]:
@@ -259,6 +260,7 @@ class LeanContact:
             for strip, reach in self._strips.before(
                 wall, dict.fromkeys(self._reaches_of(wall).values()), too_low=True
             )
+            if wall.top - strip.z > footing.contact_tolerance  # not a surface's own side
         ]
         if too_low:
             has, touches = max(too_low, key=lambda low: low[0] - low[1])

@@ -122,7 +122,7 @@ class Reaches:
         return None
 
 
-def leans_far_enough(lever: Array, footing: SupportSettings) -> Array:
+def leans_far_enough(lever: Array, footing: SupportSettings) -> npt.NDArray[np.bool_]:
     """Whether a wall touched so many metres above the surface turns the object by no more than its
     reserve where it is off by the tolerance."""
     return np.asarray(lever * math.tan(TILT_RAD) >= footing.contact_tolerance)
@@ -179,10 +179,10 @@ class Strips:
         for height in self._heights:
             # Those that touch the wall below its top.
             wanted = [r for r in reaches if (r.touches > wall.top - height) == too_low]
-            farthest = max((reach.farthest for reach in wanted), default=0.0)
-            squares, middles = self._squares_before(wall, height, farthest)
-            if not len(squares):
+            if not wanted:
                 continue
+            farthest = max(reach.farthest for reach in wanted)
+            squares, middles = self._squares_before(wall, height, farthest)
             away, along = wall.foot_distance(middles), middles @ wall.rotation[0]
             for reach in wanted:
                 # at least as wide as a square
@@ -229,7 +229,7 @@ class Strips:
         volume = self._environment.volume
         low = np.maximum(np.min(corners, axis=0), volume.lower[:2])
         high = np.minimum(np.max(corners, axis=0), volume.upper[:2])
-        if farthest == 0.0 or (low >= high).any():
+        if (low >= high).any():
             return np.zeros((0, 4)), np.zeros((0, 3))
         first = np.floor(low / STRIP_M)
         count = np.ceil(high / STRIP_M) - first
