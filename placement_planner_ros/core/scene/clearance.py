@@ -18,6 +18,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.cloud import AROUND_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.rasters import Field, Index, hand_on_nearest
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
@@ -38,7 +39,7 @@ SLICE_M = 4.0 * VOXEL_M
 MOST_PIXELS = 100_000
 """Pixels of a raster at most; those of large volumes are further apart."""
 
-_SINGLE_PRECISION = 1e-5
+_SINGLE_PRECISION = 100.0 * float(np.finfo(np.float32).eps)
 """More than the slopes of an envelope are off by, in parts."""
 
 
@@ -73,7 +74,8 @@ class ClearanceTable(NamedTuple):
 class ClearanceField:
     """d_S: distance sideways and upwards to obstacles in V and around it, capped.
 
-    Nothing that ends below a point counts for it, so d_S jumps where a thing ends beside it. A
+    Values are kept in V and up to `AROUND_M` beside it; further away the nearest counts. Nothing
+    that ends below a point counts for it, so d_S jumps where a thing ends beside it. A
     point stands for what is around it, from half a voxel below to half a voxel above: its value is
     the mean of d_S over this height. So the clearance of a body is continuous in z too.
 
@@ -89,7 +91,6 @@ class ClearanceField:
         beyond: how far outside V things count, metres: 0 is the paper's definition.
         cap: greatest value, metres: what an empty table has.
         contact_tolerance: by how much support may rise above a body's lowest point, metres.
-        padding: how far around V, in x and y, values are kept, metres; beyond, the nearest counts.
         slope: heights are those above a plane of this slope through the origin, and so are those of
             all that is asked for.
     """
@@ -101,21 +102,19 @@ class ClearanceField:
         beyond: float = 0.0,
         cap: float = CAP,
         contact_tolerance: float = 0.003,
-        padding: float = 0.3,
         slope: Slope = LEVEL,
     ) -> None:
         for name, value in (
             ("beyond", beyond),
             ("cap", cap),
             ("contact_tolerance", contact_tolerance),
-            ("padding", padding),
         ):
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
         self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
         grown = volume.joined + np.array([[-beyond], [beyond]])
         runs = _vertical_runs(obstacles.points, grown, slope)
-        low, high = volume.lower[:2] - padding, volume.upper[:2] + padding
+        low, high = volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
         sides = high - low
         pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
         near = ((runs.at >= low - cap) & (runs.at <= high + cap)).all(axis=1)

@@ -249,17 +249,16 @@ def project_points(
     size: float,
     noise: float,
     min_points: int,
-    lower: Array,
-    upper: Array,
+    bounds: tuple[Array, Array],
 ) -> Array:
-    """Points of a noisy cloud, projected onto their surfaces and kept within lower..upper.
+    """Points of a noisy cloud, projected onto their surfaces and kept within the bounds.
 
     Returns:
         (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
         things) stay where they are.
     """
     planes, flat = _fit_planes(_cell_moments(bins, origin, size), bins, size, origin, noise)
-    moved, off = _project_points(bins, planes, flat, noise, lower, upper)
+    moved, off = _project_points(bins, planes, flat, noise, *bounds)
     unexplained = np.isnan(off)
     counts = np.add.reduceat(unexplained, bins.start[:-1], dtype=np.int64)
     lone = np.repeat(lone_cells(bins, counts, min_points), np.diff(bins.start))

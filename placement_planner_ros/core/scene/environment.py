@@ -39,30 +39,26 @@ from placement_planner_ros.core.scene.walls import Wall, find_walls
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
-MAX_CELLS = 100_000_000
-"""Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
-
 CONTACT_TOLERANCE_M = 0.003
 """m above or below a region's height within which surface is of it."""
-_RIM_CELLS = 2
-"""Cells around all points that the obstacle set has, too."""
 
 
 def require_room(volume: TargetVolume, cell_size: float) -> None:
     """Refuse a target volume of more cells than a computer has room for.
 
     Raises:
-        VolumeError: it has more than `MAX_CELLS`.
+        VolumeError: it has more than `GridSettings.max_cells`, with what is known around it.
     """
     sides = volume.upper - volume.lower  # one grid holds all of its boxes
     padded = sides + 2.0 * AROUND_M * np.array([1.0, 1.0, 0.0])
     cells = float(np.prod(padded / cell_size + 2.0))
-    if cells > MAX_CELLS:
+    most = GridSettings().max_cells
+    if cells > most:
         raise VolumeError(
             "target_volume",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
             f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
-            f"{MAX_CELLS:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
+            f"{most:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
         )
 
 
@@ -88,9 +84,7 @@ class Incline:
     def clearance(self) -> ClearanceField:
         """d_S in V for what stands on them: sideways is along the slope."""
         step("making distances to the environment")
-        return ClearanceField(
-            self.measured, self.volume, self.beyond, padding=AROUND_M, slope=self.slope
-        )
+        return ClearanceField(self.measured, self.volume, self.beyond, slope=self.slope)
 
     def sheared(self, T_world_object: Array) -> Array:
         """(n, 4, 4) what takes points of the object to x, y and their height above the plane."""
@@ -251,7 +245,7 @@ class Environment:
         """d_S in V, made when it is first asked for."""
         step("making distances to the environment")
         beyond = CAP if self.beyond_volume else 0.0
-        return ClearanceField(self.measured, self.volume, beyond, padding=AROUND_M)
+        return ClearanceField(self.measured, self.volume, beyond)
 
     @cached_property
     def walls(self) -> tuple[Wall, ...]:
@@ -305,7 +299,8 @@ class Environment:
         if bounds is None:  # around the points alone, a level surface had no room above
             bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
         reach = checked_bounds(bounds)
-        held = cropped(*reach, cloud, _RIM_CELLS * grid.cell_size) or (volume.lower, volume.upper)
+        # with two cells around all points
+        held = cropped(*reach, cloud, 2.0 * grid.cell_size) or (volume.lower, volume.upper)
         cloud = cloud[thinned(cloud, grid.cell_size, *held)]
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(cloud, grid, held)

@@ -34,7 +34,7 @@ _ORIGIN_SHIFT = 0.03
 round height does not fall onto a face between two layers, where rounding would scatter its points
 over both."""
 ROUNDING = 1e-6
-"""m, and cells."""
+"""m, cells, and parts of a whole: more than what single precision loses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +360,7 @@ def _cleaned_bins(
     if noise > settings.noise_floor:
         # the second time from planes that the first has made sharper
         for few in (0, min_points):
-            points = denoising.project_points(bins, origin, size, noise, few, lower, upper)
+            points = denoising.project_points(bins, origin, size, noise, few, (lower, upper))
             bins = bins._replace(points=points)
         return sort_into_cells(points, origin, size, shape, lower, upper), noise
     if min_points > 1:

@@ -49,8 +49,6 @@ PASSED_M, PASSED_NOISES = 0.005, 6.0
 """m, and standard deviations of the noise more, below a layer from which on a ray has passed it."""
 PIXEL_M = 0.001, 0.0025
 """m, sides of the finest and of the coarsest pixels."""
-NEAR_PIXELS = 4.0
-"""Pixels up to which the distance to a gap that is no end matters."""
 FINEST_PIXELS = 60_000
 """Pixels of a layer up to which they are as fine as the spacing of its points asks for."""
 NARROWEST_M, WIDEST_M = 0.002, 0.016
@@ -315,7 +313,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
     # gaps behind things are no ends
     behind = of_thing[i, j]
     from_end = raster.nearest(discs[~behind])[0]
-    inside = np.minimum(from_end, raster.nearest(discs[behind], NEAR_PIXELS)[0])
+    inside = np.minimum(from_end, raster.nearest(discs[behind], max(hole, 2.0))[0])
     averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
     # of the points, those of the surface's top, and none of things' feet if there are others
     least = maximum_filter(measured[4], 3) - SHEET_M - 2.0 * noise

@@ -146,16 +146,16 @@ def window_sums(images: Array, width: int) -> Array:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _take_nearer(
-    elements: Array, k: int, i: int, j: int, near: Field, who: Index, changed: Mask
-) -> None:
-    """Take element k, if there is one, for the nearest of pixel (i, j) where it is."""
+def _take_nearer(elements: Array, k: int, i: int, j: int, near: Field, who: Index) -> bool:
+    """Take element k, if there is one, for the nearest of pixel (i, j) where it is; whether so."""
     if k >= 0 and k != who[i, j]:
         dx, dy = elements[k, 0] - i, elements[k, 1] - j
         reach = near[i, j] + elements[k, 3]
         square = dx * dx + dy * dy + elements[k, 2]
         if reach > 0.0 and square < reach * reach:
-            near[i, j], who[i, j], changed[i] = math.sqrt(square) - elements[k, 3], k, True
+            near[i, j], who[i, j] = math.sqrt(square) - elements[k, 3], k
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -185,7 +185,7 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
     for k in entering:
         i = min(max(int(elements[k, 0] + 0.5), 0), nx - 1)
         j = min(max(int(elements[k, 1] + 0.5), 0), ny - 1)
-        _take_nearer(elements, k, i, j, near, who, changed)
+        changed[i] |= _take_nearer(elements, k, i, j, near, who)
     # those of other pixels are half a pixel away at least, but for their weights
     sure = 0.5
     for k in range(len(elements)):
@@ -199,15 +199,15 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
                 for j in range(ny):  # from the three pixels of the row before
                     if near[i, j] > sure:
                         for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            _take_nearer(elements, who[m, n], i, j, near, who, changed)
+                            changed[i] |= _take_nearer(elements, who[m, n], i, j, near, who)
             if not changed[i]:
                 continue
             for j in range(1, ny):  # along the row, there and back
                 if near[i, j] > sure:
-                    _take_nearer(elements, who[i, j - 1], i, j, near, who, changed)
+                    changed[i] |= _take_nearer(elements, who[i, j - 1], i, j, near, who)
             for j in range(ny - 2, -1, -1):
                 if near[i, j] > sure:
-                    _take_nearer(elements, who[i, j + 1], i, j, near, who, changed)
+                    changed[i] |= _take_nearer(elements, who[i, j + 1], i, j, near, who)
 
 
 @njit(cache=True, nogil=True)

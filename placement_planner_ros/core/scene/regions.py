@@ -40,7 +40,7 @@ class RegionSettings(Settings):
     )
     height_tolerance: float = setting(0.002, "(0, inf)", "m")
     max_side: float = setting(0.3, "(0, inf)", "m")
-    min_area: float = setting(3e-4, "[0, inf)", "m²")
+    min_area: float = setting(1e-4, "[0, inf)", "m²")
     max_regions: int = setting(200, "[1, inf)")
 
 

@@ -19,14 +19,12 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import ROUNDING
 from placement_planner_ros.core.scene.layers import Layer
 from placement_planner_ros.core.scene.regions import Region, RegionSettings, largest_regions
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
 
 Index = npt.NDArray[np.int64]
-
-_SAME = 1e-9
-"""m by which strips of one rectangle may differ."""
 
 
 class Footprint(NamedTuple):
@@ -184,7 +182,7 @@ def _hull_strips(hull: Array, begin: float, end: float, width: float) -> Array:
         lowest, highest = (
             _chain_extreme(chain, x0, x1, sign) for chain, sign in ((below, -1.0), (above, 1.0))
         )
-        same = strips and abs(strips[-1][1] - lowest) + abs(strips[-1][3] - highest) <= _SAME
+        same = strips and abs(strips[-1][1] - lowest) + abs(strips[-1][3] - highest) <= ROUNDING
         if same:
             strips[-1][2] = x1
         else:

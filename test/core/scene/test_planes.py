@@ -8,7 +8,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness, upright
+from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness
 
 VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])
 BOUNDS = (np.array([-0.6, -0.6, -0.4]), np.array([0.6, 0.6, 0.6]))
@@ -153,17 +153,6 @@ def test_heights_of_boxes_above_a_slope_are_those_of_their_points():
         corners = np.array(np.meshgrid(*np.array([more.lower[k], more.upper[k]]).T)).reshape(3, -1)
         highest = (corners[2] - np.array(slope) @ corners[:2]).max()
         assert more.tops(slope)[k] == pytest.approx(highest)
-
-
-def test_upright_turns_z_to_the_normal_by_the_least_turn():
-    for slope in (LEVEL, (0.3, 0.0), (-0.1, 0.2)):
-        turn = upright(slope)
-        normal = np.array([-slope[0], -slope[1], 1.0])
-        assert turn @ [0.0, 0.0, 1.0] == pytest.approx(normal / np.linalg.norm(normal))
-        assert turn @ turn.T == pytest.approx(np.eye(3))
-        axis = np.cross([0.0, 0.0, 1.0], normal)
-        assert turn @ axis == pytest.approx(axis)
-    assert (upright(LEVEL) == np.eye(3)).all()
 
 
 def test_small_knobs_on_a_noisy_table_are_not_taken_for_noise():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.points import BOUNDS, floor_and_wall, plane
+from helpers.points import BOUNDS, plane
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment, find_regions
@@ -108,18 +108,6 @@ def of_boxes(*boxes):
     return TargetVolume(corners[:, 0], corners[:, 1])
 
 
-def test_abutting_boxes_have_the_regions_of_the_one_box_that_they_make():
-    top = plane((-0.3, -0.3, 0.0999), (0.3, 0.3, 0.0999), 0.004)
-    low, high = np.array([-0.123, -0.07, 0.05]), np.array([0.077, 0.2, 0.25])
-    one, _ = regions_of(top, TargetVolume(low, high))
-    middle, below = high.copy(), low.copy()
-    middle[0] = below[0] = top[np.argmin(np.abs(top[:, 0])), 0]  # on points of the surface
-    two, _ = regions_of(top, of_boxes([below, high], [low, middle]))
-    for a, b in zip(one, two, strict=True):
-        assert a.z == b.z
-        np.testing.assert_array_equal(a.rectangles, b.rectangles)
-
-
 def test_regions_lie_in_the_union_of_boxes_and_fill_it():
     """Two boxes that overlap, one apart, one at another height, one beyond the surface."""
     points = np.vstack([plane((-0.3, -0.3, z), (0.3, 0.3, z), 0.004) for z in (0.0999, 0.1999)])
@@ -202,16 +190,6 @@ def test_split_covers_exactly_and_goes_on_down_to_nothing():
     assert 0.0 < smallest.area < 1e-11
 
 
-def test_samples_are_uniform_by_area():
-    region = Region(np.array([[0.0, 0.0, 0.3, 0.1], [1.0, 0.0, 1.1, 0.1]]), 0.25)
-    rng = np.random.default_rng(0)
-    samples = np.array([region.sample(rng) for _ in range(4000)])
-    assert (samples[:, 2] == 0.25).all()
-    assert (samples[:, 0] < 0.5).mean() == pytest.approx(0.75, abs=0.03)
-    first = samples[samples[:, 0] < 0.5]
-    np.testing.assert_allclose(first.mean(axis=0), [0.15, 0.05, 0.25], atol=0.006)
-
-
 def test_points_on_several_regions_at_once_are_each_uniform_by_area():
     regions = [
         Region(np.array([[0.0, 0.0, 0.3, 0.1], [1.0, 0.0, 1.1, 0.1]]), 0.25),
@@ -228,37 +206,6 @@ def test_points_on_several_regions_at_once_are_each_uniform_by_area():
     np.testing.assert_allclose(sloping[:, :2].mean(axis=0), 0.5, atol=0.02)
     assert ((last[:, :2] >= [2.0, 0.0]) & (last[:, :2] <= [2.1, 0.1])).all()
     np.testing.assert_allclose(last[:, :2].mean(axis=0), [2.05, 0.05], atol=0.003)
-
-
-def test_support_needs_surface_under_the_point_at_its_height():
-    _, support = regions_of(np.vstack([floor_and_wall()]))
-    points = np.array(
-        [
-            [0.0, 0.0, 0.0127],
-            [0.0, 0.0, 0.0127 + 0.0029],
-            [0.0, 0.0, 0.0127 - 0.0029],
-            [0.0, 0.0, 0.0127 + 0.0031],
-            [0.19, -0.19, 0.0127],
-            [0.1957, 0.0, 0.0127],
-            [0.0, 0.2, 0.0127],
-            [0.0, 0.204, 0.0127],
-            [5.0, 5.0, 0.0127],
-        ]
-    )
-    expected = [True, True, True, False, True, False, True, False, False]
-    assert support.supported(points, 0.003).tolist() == expected
-
-
-def test_thinly_sampled_surface_has_no_holes_but_a_slot_stays():
-    rng = np.random.default_rng(4)
-    points = np.c_[rng.uniform(-0.3, 0.3, (90_000, 2)), np.zeros(90_000)]
-    _, support = regions_of(points)
-    spots = np.c_[rng.uniform(-0.28, 0.28, (4000, 2)), np.zeros(4000)]
-    assert support.supported(spots, 0.001).mean() > 0.995
-    dense = plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0), 0.002)
-    slotted = dense[np.abs(dense[:, 0]) > 0.015]
-    _, support = regions_of(slotted)
-    assert not support.supported(np.array([[0.0, 0.0, 0.0]]), 0.003).any()
 
 
 def test_empty_environment_has_no_regions():

@@ -126,22 +126,6 @@ def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
         assert top == pytest.approx(under_shadow_line(x), abs=1.5 * SIZE)
 
 
-def test_unseen_cells_of_every_box_are_unknown():
-    obstacles = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
-    low, high = VOLUME.lower, VOLUME.upper
-    inner = np.array([[low, [0.0, 0.0, 0.1]], [[-0.15, -0.1, 0.0], high]])
-
-    def boxes(*rows):
-        volume = TargetVolume(inner[list(rows), 0], inner[list(rows), 1])
-        return space_of(obstacles, [], volume)._in_volume()
-
-    both = boxes(0, 1)
-    np.testing.assert_array_equal(both, boxes(0) | boxes(1))
-    centers = obstacles.origin + (np.argwhere(np.ones(obstacles.shape, bool)) + 0.5) * SIZE
-    expected = TargetVolume(inner[:, 0], inner[:, 1]).contains(centers)
-    np.testing.assert_array_equal(both.ravel(), expected)
-
-
 def test_what_is_seen_free_stays_free_with_and_without_noise():
     for noise in (0.0, 0.002):
         view = view_of(FLOOR, WALL, CRATE, noise=noise)
@@ -286,30 +270,6 @@ def test_a_full_cell_stays_below_what_covers_it_in_the_cell_above(height):
     assert joined.upper[rows, 2][~whole] == pytest.approx(full[~whole], abs=1e-6)
     elsewhere = obstacles.with_full_cells(beneath)
     assert elsewhere.upper[rows, 2] == pytest.approx(full, abs=1e-6)
-
-
-def test_full_cells_join_the_boxes_of_the_set_in_order():
-    view = view_of(FLOOR, WALL, CRATE, noise=0.002)
-    obstacles = measured(view)
-    cells = unknown_cells(obstacles, [view])
-    joined = obstacles.with_full_cells(cells)
-    assert len(joined) == len(obstacles) + len(cells)
-    order = np.lexsort(joined.cells.T[::-1])
-    assert np.array_equal(order, np.arange(len(joined)))
-
-    def boxes(found, cell):
-        row, rows = found.index[tuple(cell)], []
-        while row >= 0:
-            assert (found.cells[row] == cell).all()
-            rows.append((*found.lower[row], *found.upper[row]))
-            row = found.next[row]
-        return rows
-
-    for cell in np.unique(obstacles.cells, axis=0)[::50]:
-        assert boxes(joined, cell) == boxes(obstacles, cell)
-    for cell in cells[::200]:
-        low = joined.origin + cell * SIZE
-        np.testing.assert_allclose(boxes(joined, cell), [(*low, *(low + SIZE))])
 
 
 @pytest.mark.parametrize(
