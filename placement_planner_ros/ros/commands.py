@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from array import array
 from collections.abc import Callable, Sequence
-from math import isfinite
 from typing import Any, Concatenate, ParamSpec
 
 import pinocchio as pin
@@ -20,6 +18,7 @@ from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, ref
 from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.spec import own_spec
 from placement_planner_ros.ros.patience import STOP_PATIENCE_S
 from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -31,6 +30,10 @@ Given = ParamSpec("Given")
 
 STAND_IN = "the bundled YuMi, as no robot_description has come"
 """The robot in use where none was given."""
+POSE = own_spec(
+    "pose", "double[]", [], "seven numbers: x y z qx qy qz qw", wish_checks.check_pose_value
+)
+"""Where an object was measured, m."""
 
 
 def _when_idle(
@@ -241,8 +244,7 @@ def _measured_pose(value: object) -> pin.SE3:
     Raises:
         ParameterError: it is none.
     """
-    numbers = list(value) if isinstance(value, Sequence | array) else []
-    if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
-        raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
-    wish_checks.check_pose_value("pose", numbers)
+    numbers = POSE.convert(value)
+    if not numbers:
+        raise ParameterError("pose", value, f"give {POSE.meaning.text}")
     return poses_from_list("pose", numbers)[0]

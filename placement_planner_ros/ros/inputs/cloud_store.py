@@ -223,7 +223,7 @@ class CloudStore:
             faults = [error.with_traceback(None) for error in self._refused.values()]
             latest = {t: cloud for t, cloud in self._latest.items() if t not in self._refused}
             missing = [t for t in self._required if t not in self._latest | self._refused]
-        ages = {t: now - c.time for t, c in latest.items() if 0.0 < max_age < now - c.time}
+        ages = {t: age for t, age in self.stale(max_age, now).items() if t in latest}
         if missing and needed:
             faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
         if mode == "latest" and ages:

@@ -15,12 +15,13 @@ from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.wishes.checks import check_pose_value
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, read_kept
 from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.parameters.checks import pose_or_nothing, poses_from_list
+from placement_planner_ros.ros.parameters.checks import poses_from_list
 
 TOPIC = "~/known_objects"
 ROUND_M = 0.0002
@@ -168,9 +169,7 @@ class KnownObjects:
         pose, scale = [p.x, p.y, p.z, r.x, r.y, r.z, r.w], np.array([s.x, s.y, s.z])
         thing = _Thing(marker.header.frame_id, pin.SE3.Identity(), np.zeros((0, 3, 3)), None, scale)
         try:
-            if not (np.abs(pose) <= FAR_M).all():
-                raise KnownObjectError(f"{field}: pose", pose, "give metres")
-            pose_or_nothing(f"{field}: pose", pose)
+            check_pose_value(f"{field}: pose", pose)
             thing = replace(thing, T_frame_thing=poses_from_list(field, pose)[0])
             if not ((scale > 0.0) & (scale <= FAR_M)).all():
                 raise KnownObjectError(f"{field}: scale", scale.tolist(), "give metres above zero")

@@ -47,16 +47,6 @@ def grasp_poses(name: str, value: Sequence[float]) -> None:
     poses_from_list(name, value)
 
 
-def pose_or_nothing(name: str, value: Sequence[float]) -> None:
-    """One pose, or nothing."""
-    if value and len(value) != 7:
-        raise ParameterError(name, value, "give seven numbers: x y z qx qy qz qw")
-    try:
-        poses_from_list(name, value)
-    except GraspError as error:
-        raise ParameterError(error.field, error.value, error.remedy) from error
-
-
 def volume_boxes(name: str, value: Sequence[float]) -> None:
     """V; a VolumeError says which box is wrong, and how."""
     if not value or len(value) % 6:

@@ -210,7 +210,7 @@ _SENSOR = own_spec(
     "pose", "double[]", [],
     "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given. At a start the "
     "newest cloud goes there too, but for points accumulated with cloud.mode merge.",
-    unit="m", check=checks.pose_or_nothing)
+    unit="m", check=wish_checks.check_pose_value)
 # fmt: on
 
 
