@@ -150,11 +150,6 @@ def along_x(y):
     return level((0.3, 0.55), (0.0, 0.055), y, 0.004)[:, [0, 2, 1]]
 
 
-def along_y(x):
-    """A wall."""
-    return level((0.1, 0.2), (0.0, 0.055), x, 0.004)[:, [2, 0, 1]]
-
-
 TRENCH = np.concatenate([TABLE, along_x(0.112), along_x(0.188)])
 """Two walls between which the fingers fit, but not once they have opened."""
 BAR = block(0.094, 0.021, 0.05)

@@ -98,33 +98,6 @@ def test_misspelt_names_are_warned_of(bench, monkeypatch):
     assert "the nearest is collision_margin" in words
 
 
-def test_the_node_says_what_a_person_wants_to_know_and_no_more(told):
-    b, lines = told()
-    b.call("stop")
-    b.call("start_with", seed="many")
-    run = b.call("start").run
-    b.wait(lambda: b.planners)
-    b.planners[-1].offers += [0.1, 0.2]
-    b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "2")
-    b.call("start")
-    b.call("stop")
-    b.call("confirm_placed")
-    b.call("remove_placed", run=int(run))
-    beginnings = [
-        "start_with refused: code=BAD_PARAMETER; BAD_PARAMETER: seed = 'many'",
-        f"start: code=OK run={run}; planning for",
-        f"run {run}: solution 1 after",
-        f"run {run}: solution 2 after",
-        f"start refused: code=ALREADY_RUNNING run={run}",
-        f"run {run} ended, stopped, code OK: 2 solutions",
-        f"confirm_placed: code=OK run={run}",
-        f"remove_placed: code=OK run={run}",
-    ]
-    assert len(lines.words) == len(beginnings), lines.words
-    for words, beginning in zip(lines.words, beginnings, strict=True):
-        assert words.startswith(beginning)
-
-
 def test_bad_messages_are_told_once_a_second_whatever_differs_in_them(told):
     b, lines = told()
     began, numbers = time.monotonic(), itertools.count()

@@ -11,10 +11,7 @@ from checker import Tolerances, check_solution
 from helpers.fakes import values_of
 from helpers.published import pose_of, solution_of, task_of
 from helpers.system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.scenes.yumi import load_yumi
 
@@ -123,30 +120,6 @@ def test_a_placed_object_is_obstacle_and_support_for_the_next(scene, client):
         )
         assert client.call("confirm_placed").success
     assert client.call("clear_environment").success
-
-
-@pytest.mark.skipif(
-    "toward_front" not in objective_names(), reason="entry points exist once installed"
-)
-def test_a_run_with_the_example_objective_ends_by_itself(scene, client):
-    answer = start_when_ready(client, "start_with", objective="toward_front", time_limit=4.0)
-    wait(lambda: client.state() == "time_limit")
-    assert client.solutions(answer.run)
-    objectives = [float(m["objective"]) for m in client.solutions(answer.run)]
-    assert objectives == sorted(set(objectives))
-
-
-def test_parameters_can_be_set_while_the_node_runs(client):
-    request = SetParameters.Request(
-        parameters=[
-            Parameter("time_limit", value=5).to_parameter_msg(),
-            Parameter("collision_margin", value=-1.0).to_parameter_msg(),
-        ]
-    )
-    accepted, refused = client.request(SetParameters, "set_parameters", request).results
-    assert accepted.successful, accepted.reason
-    assert not refused.successful
-    assert "collision_margin" in refused.reason
 
 
 @contextlib.contextmanager

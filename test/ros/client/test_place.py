@@ -43,12 +43,6 @@ def test_a_solution_has_all_its_parts(fed, planner):
     assert ended(fed)
 
 
-def test_a_solution_without_a_retreat_says_so(fed, planner):
-    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
-    found(fed, 0.5)
-    assert placing.result.retreat_trajectory is None
-
-
 def test_the_best_is_returned_at_the_deadline(fed, planner, monkeypatch):
     heard = []
     placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: heard.append(s.objective)))

@@ -54,15 +54,6 @@ def test_every_required_topic_must_have_delivered():
     )
 
 
-def test_every_topic_with_a_fault_is_told():
-    store = CloudStore(["left", "right", "top", "front"])
-    store.refuse("left", CloudFrameError("cloud frame_id", "a", "publish it"))
-    store.refuse("right", CloudFrameError("cloud frame_id", "b", "publish it"))
-    store.add(cloud("top", A, 0.0))
-    codes = [fault.code for fault in store.faults("latest", 1.0, 5.0)]
-    assert codes == ["CLOUD_FRAME", "CLOUD_FRAME", "NO_CLOUD", "CLOUD_STALE"]
-
-
 def test_latest_replaces_and_merge_accumulates():
     store = CloudStore(["points"])
     for points in (A, B):

@@ -4,13 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
@@ -30,12 +27,6 @@ def parameter_set(**values):
 def test_every_default_is_accepted_by_its_own_checks():
     for spec in SPECS.values():
         assert spec.convert(spec.default) == spec.default
-
-
-def test_integers_stand_for_doubles():
-    values = parameter_set(time_limit=5, target_volume=[0, 0, 0, 1, 1, 1])
-    assert isinstance(values["time_limit"], float)
-    assert all(isinstance(v, float) for v in values["target_volume"])
 
 
 @pytest.mark.parametrize(
@@ -222,19 +213,6 @@ def test_arms_and_sensor_frames_bring_their_own_parameters(node):
     set_to = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     assert made.set_parameters([Parameter("sensor_poses.eye", value=set_to)])[0].successful
     np.testing.assert_array_equal(server.current.sensor_pose("eye").translation, [0, 0, 1])
-
-
-def test_descriptors_carry_text_unit_and_range(node):
-    made = node()
-    ParameterServer(made)
-    descriptor = made.describe_parameter("collision_margin")
-    assert "obstacles" in descriptor.description
-    assert "unit: m" in descriptor.additional_constraints
-    assert descriptor.floating_point_range[0].to_value == 0.1
-    assert descriptor.type == ParameterType.PARAMETER_DOUBLE
-    choices = ", ".join(meaning_of(PlannerSettings(), "sampler").choices)
-    assert f"one of {choices}" in made.describe_parameter("sampler").additional_constraints
-    assert made.describe_parameter("seed").integer_range[0].to_value == 2**63 - 1
 
 
 def test_the_page_of_parameters_is_current():

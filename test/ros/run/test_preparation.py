@@ -195,21 +195,6 @@ def test_lines_of_sight_close_sparse_surfaces_unless_an_object_stands_in_them_si
     assert carries(SENSOR, thing + np.array([0.0, -0.9, 0.0])) == seen_whole
 
 
-def test_what_is_unknown_leaves_out_where_the_new_object_is(snapshot):
-    """The scene stays, unknown space is told anew."""
-    parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
-    held = object_by_name("toy_table")
-    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
-    arms = tuple(yumi_arm(snapshot.robot, arm, grasps) for arm, grasps in held.grasps.items())
-    first = replace(snapshot, parameters=parameters)
-    second = replace(first, body=body, arms=arms)
-    preparing = preparation()
-    one = preparing.prepare(first, never).environment
-    other = preparing.prepare(second, never).environment
-    assert other.measured is one.measured
-    assert contents(other) == contents(Surroundings.of(second).environment())
-
-
 def test_the_robot_matters_where_unknown_space_is_occupied(snapshot):
     parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
     before = replace(snapshot, parameters=parameters)
