@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.cases import Case
-from benchmarks.evaluation.relative import area_under_curve, time_to_reach, values_at
+from benchmarks.evaluation.relative import area_under_curve, values_at
 from benchmarks.evaluation.resampling import Interval, mean_interval
-from benchmarks.evaluation.results import EvaluationResults, final
+from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.types import Array
 
@@ -77,22 +77,6 @@ def first_times(results: EvaluationResults, variant: str, cases: Sequence[Case])
             for record in results.of_variant(variant, case)
         ]
     )
-
-
-def times_to_pass_baseline(results: EvaluationResults) -> Array:
-    """(n,) seconds until each run of the reference has what the baseline ended with (its median).
-
-    inf where it never does.
-    """
-    times = []
-    for case in results.cases_of(REFERENCE, BASELINE):
-        wanted = float(
-            np.median([final(results.steps(r)) for r in results.of_variant(BASELINE, case)])
-        )
-        times += [
-            time_to_reach(results.steps(r), wanted) for r in results.of_variant(REFERENCE, case)
-        ]
-    return np.array(times)
 
 
 def solved_in_every_run(results: EvaluationResults, variant: str) -> int:

@@ -50,10 +50,3 @@ def area_under_curve(steps: Steps, horizon: float) -> float:
     ends = [*(moment for moment, _ in within[1:]), horizon]
     held = zip(within, ends, strict=False)
     return sum(value * (end - moment) for (moment, value), end in held) / horizon
-
-
-def time_to_reach(steps: Steps, wanted: float) -> float:
-    """Seconds until the value is at least `wanted`; inf where it never is, 0 for `wanted` ≤ 0."""
-    if wanted <= 0.0:
-        return 0.0
-    return next((moment for moment, value in steps if value >= wanted), float("inf"))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.cases import Case
-from benchmarks.evaluation.relative import Scale, Steps
+from benchmarks.evaluation.relative import Scale
 from benchmarks.json_lines import read_lines
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
@@ -98,11 +98,6 @@ class EvaluationResults:
     def failed(self) -> list[RunEntry]:
         """Runs without a placement."""
         return [r for group in self.runs.values() for r in group if not r["solutions"]]
-
-
-def final(steps: Steps) -> float:
-    """What a run ended with; 0 without a placement."""
-    return steps[-1][1] if steps else 0.0
 
 
 def _scale_of(

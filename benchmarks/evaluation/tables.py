@@ -15,7 +15,6 @@ from benchmarks.evaluation.comparisons import (
     finals,
     first_times,
     solved_in_every_run,
-    times_to_pass_baseline,
 )
 from benchmarks.evaluation.resampling import Interval
 from benchmarks.evaluation.results import EvaluationResults
@@ -35,12 +34,6 @@ def aims_table(results: EvaluationResults, comparisons: Sequence[Comparison]) ->
                 found = curve(results, REFERENCE, results.cases, np.array([seconds]))
                 what = f"mean relative objective of {REFERENCE} after {seconds:g} s"
                 rows.append((what, f"≥ {wanted}", _mean_at(found, 0)))
-    passed = times_to_pass_baseline(results)
-    if len(passed):
-        never = int(np.isinf(passed).sum())
-        what = f"time at which {REFERENCE} passes what the baseline ends with, median"
-        told = f"{_in_seconds(float(np.median(passed)))}; never in {never} of {len(passed)} runs"
-        rows.append((what, "≤ 3 s", told))
     for comparison in comparisons:
         if comparison.other != BASELINE:
             what = f"{REFERENCE} minus {comparison.other}, area under the curve, pooled"

@@ -233,12 +233,10 @@ def _node_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
 
 def _load_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     """The node beside three clouds of 300,000 points at 10 Hz."""
-    beside, alarm = "beside 3 clouds at 10 Hz", "from a cloud in the way to best_valid: false"
+    beside = "beside 3 clouds at 10 Hz"
     lines = [
         *_call_lines(entries, "start", f"{beside}: answer of ~/start", {50: 0.1, 99: 0.1}),
         *_call_lines(entries, "stop", f"{beside}: from the stop call to idle", {50: 0.1, 99: 0.1}),
-        *_call_lines(entries, "age", f"{beside}: age of the newest one known", {100: 0.5}),
-        *_call_lines(entries, "alarm", alarm, {50: 0.1, 95: 0.1, 99: 0.2}),
     ]
     turns = [e for e in entries if e["kind"] == "samples"]
     if turns:
