@@ -31,9 +31,9 @@ _SCENE_HELP = """usage: placement_scene [--ros-args [-p PARAMETER:=VALUE] ...]
 Publishes a bundled scene as cameras and the bundled robot would, until interrupted.
 
 parameters:
-  name     cabinet_high_clutter (default), cabinet_low_clutter, table
+  name     cabinet_high_clutter (default), cabinet_low_clutter, table, shelf
   object   that the fingers are closed around: small_crayons_box (default), large_crayons_box,
-           wine_glass, toy_table
+           wine_glass, toy_table, book
   clouds   complete (default): the whole surface, on `points`, in the robot's frame;
            cameras: what two depth cameras see, on `camera_left/points` and `camera_right/points`,
            in their frames, which config/cabinet_cameras.yaml and table_cameras.yaml give the node

@@ -37,8 +37,8 @@ from placement_planner_ros.pictures.stage import Leg
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
+from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
+from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
 
 _INTERRUPTED = 130
 
@@ -71,7 +71,7 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
     parser.add_argument(
-        "--scene", choices=SCENE_NAMES, help="table; with --tour cabinet_low_clutter"
+        "--scene", choices=BUNDLED_SCENES, help="table; with --tour cabinet_low_clutter"
     )
     parser.add_argument(
         "--tour",
@@ -86,7 +86,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="parameters of your own: another robot with its object, at a table of things "
         "(config/robots has some), or another object for the bundled robot, at --scene",
     )
-    parser.add_argument("--object", choices=OBJECT_NAMES, help="wine_glass; --tour has its own")
+    parser.add_argument("--object", choices=BUNDLED_OBJECTS, help="wine_glass; --tour has its own")
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument(
         "--seconds",

@@ -60,7 +60,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     """The bundled robot at a bundled scene.
 
     On the table the object shall stand on the table itself, away from its edges; in the cabinets
-    anywhere in the paper's V.
+    anywhere in the paper's V; in the shelf it shall lean.
     """
     held, robot, scene = object_by_name(object_name), load_yumi(), scene_by_name(scene_name)
     parameters = _told_parameters(scene)
@@ -88,10 +88,13 @@ def bundled(scene_name: str, object_name: str) -> Setting:
 
 def _told_parameters(scene: Scene) -> dict[str, object]:
     """What the node is told of a bundled scene."""
+    volume = [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]
+    if scene.name == "shelf":  # where things lean
+        return {"contacts": ["lean"], "target_volume": volume}
     told: dict[str, object] = {"support_region": "largest"}  # not on top of other things
     if scene.name == "table":  # on the table alone, of which other things are higher; 8 cm inside
         return told | {"edge_margin": 0.08, "target_volume": [0.17, -0.4, -0.05, 0.66, 0.4, 0.02]}
-    return told | {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
+    return told | {"target_volume": volume}
 
 
 def of_file(file: Path, scene_name: str) -> Setting:

@@ -1,4 +1,4 @@
-"""The paper's four objects, made of convex solids, and how the YuMi's hands hold them.
+"""The paper's four objects and a book, made of convex solids, and how the YuMi's hands hold them.
 
 A grasp is `T_tip_object`, the object's pose in the gripper base frame: the palm ends at
 z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close along x.
@@ -169,13 +169,30 @@ def _toy_table() -> GraspedObject:
     return of_solids("toy_table", parts, grasps, plate / 2, (0, 0, 0.044))
 
 
+def _book() -> GraspedObject:
+    """140 × 30 × 200 mm, to be leaned; held across its thickness, low at a side or over its top."""
+    x, y, z = 0.015, 0.070, 0.100
+    grasps = (
+        grasp((1, 0, 0), (0, 1, 0), (0, -y, -0.5 * z), PALM),
+        grasp((1, 0, 0), (0, -1, 0), (0, y, -0.5 * z), PALM),
+        grasp((1, 0, 0), (0, 1, 0), (0, -y, 0), PALM),
+        grasp((1, 0, 0), (0, -1, 0), (0, y, 0), PALM),
+        grasp((1, 0, 0), (0, 0, -1), (0, 0, z), PALM),
+    )
+    parts = (box("book", (-x, -y, -z), (x, y, z), _GREEN),)
+    return of_solids("book", parts, grasps, x, (0, 0, 0))
+
+
 _OBJECTS: dict[str, Callable[[], GraspedObject]] = {
     "large_crayons_box": _large_crayons_box,
     "small_crayons_box": _small_crayons_box,
     "wine_glass": _wine_glass,
     "toy_table": _toy_table,
+    "book": _book,
 }
-OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
+BUNDLED_OBJECTS: tuple[str, ...] = tuple(_OBJECTS)
+OBJECT_NAMES: tuple[str, ...] = BUNDLED_OBJECTS[:4]
+"""The paper's."""
 
 
 def object_by_name(name: str) -> GraspedObject:
@@ -185,5 +202,5 @@ def object_by_name(name: str) -> GraspedObject:
         ParameterError: no such object; the message lists those there are.
     """
     if name not in _OBJECTS:
-        raise ParameterError("object", name, f"choose one of {', '.join(OBJECT_NAMES)}")
+        raise ParameterError("object", name, f"choose one of {', '.join(BUNDLED_OBJECTS)}")
     return _OBJECTS[name]()

@@ -188,6 +188,11 @@ def test_what_the_node_is_told_can_be_said_again():
     assert float(given["edge_margin"]) > 0.05
 
 
+def test_in_the_shelf_the_book_shall_lean():
+    setting = bundled("shelf", "book")
+    assert "contacts:=['lean']" in node_arguments(setting.file, setting.parameters)
+
+
 def own_box(tmp_path, more=""):
     file = tmp_path / "my_box.yaml"
     trimesh.creation.box((0.03, 0.05, 0.1)).export(tmp_path / "my_box.stl")

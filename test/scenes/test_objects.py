@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.objects import (
-    OBJECT_NAMES,
+    BUNDLED_OBJECTS,
     GraspedObject,
     object_by_name,
 )
@@ -97,7 +97,7 @@ def distance(thing: GraspedObject, T: pin.SE3, solid: np.ndarray) -> float:
     )
 
 
-@pytest.fixture(scope="module", params=OBJECT_NAMES)
+@pytest.fixture(scope="module", params=BUNDLED_OBJECTS)
 def thing(request: pytest.FixtureRequest) -> GraspedObject:
     return object_by_name(request.param)
 

@@ -8,11 +8,14 @@ from scipy.optimize import linprog
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.primitives import ConvexPrimitive, bowl, frustum, standing_box
-from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
+from placement_planner_ros.scenes.scenes import BUNDLED_SCENES, Scene, scene_by_name
 
 FURNITURE = {"drawers", "left_wall", "right_wall", "back", "top", "divider", "table"} | {
     "lower_shelf",
     "upper_shelf",
+    "board",
+    "left_side",
+    "right_side",
 }
 
 
@@ -31,7 +34,7 @@ def volume_of(part: ConvexPrimitive) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
 
 
-@pytest.fixture(params=SCENE_NAMES)
+@pytest.fixture(params=BUNDLED_SCENES)
 def scene(request: pytest.FixtureRequest) -> Scene:
     return scene_by_name(request.param)
 

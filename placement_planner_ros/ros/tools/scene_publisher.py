@@ -27,7 +27,7 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
-from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
+from placement_planner_ros.scenes.scenes import BUNDLED_SCENES, Scene, scene_by_name
 from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import share_path
 
@@ -64,7 +64,7 @@ class ScenePublisher(Node):
             words = ParameterDescriptor(description=text, dynamic_typing=True)
             return self.declare_parameter(name, default, words).value
 
-        name = given("name", "cabinet_high_clutter", f"Scene: {', '.join(SCENE_NAMES)}.")
+        name = given("name", "cabinet_high_clutter", f"Scene: {', '.join(BUNDLED_SCENES)}.")
         held = given("object", "small_crayons_box", "Object that the fingers are closed around.")
         kind = given(
             "clouds", "complete", "complete: the whole surface; cameras: what two cameras see."

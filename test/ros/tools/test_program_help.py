@@ -9,8 +9,8 @@ import pytest
 from placement_planner_ros import __main__ as programs
 from placement_planner_ros.ros.tools import scene_publisher
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
+from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
+from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
 
 
 @pytest.mark.parametrize("flag", ["-h", "--help"])
@@ -47,6 +47,6 @@ def test_the_scenes_help_names_all_that_can_be_chosen(monkeypatch, capsys, ros):
     own = node._parameters.keys() - {"use_sim_time", "start_type_description_service"}
     node.destroy_node()
     assert {"name", "object", "clouds", "rate"} <= own
-    for word in (*own, *SCENE_NAMES, *OBJECT_NAMES):
+    for word in (*own, *BUNDLED_SCENES, *BUNDLED_OBJECTS):
         assert re.search(rf"\b{word}\b", said), word
     assert max(map(len, said.splitlines())) <= 100
