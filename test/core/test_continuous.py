@@ -128,15 +128,10 @@ def test_goals_take_the_shorter_way_round(problem):
     np.testing.assert_allclose(np.cos(near), np.cos(Q), atol=1e-12)
     ((holding, *_),), _ = usable_holdings(problem, GraspSettings())
     T = holding.object_pose(holding.q_start)
-    found = holding.candidates(T, 60, np.random.default_rng(0))
     free = holding.configurations(T, 60, np.random.default_rng(0))
-    assert len(found) > 4
-    for Q in (found, free):
-        away = np.abs(Q - holding.q_start)
-        assert away[:, endless].max() <= np.pi
-        np.testing.assert_allclose(
-            [holding.object_pose(q).translation for q in Q],
-            np.tile(T.translation, (len(Q), 1)),
-            atol=1e-4,
-        )
-    assert np.abs(found[:, endless]).max() > 0.5
+    assert np.abs(free - holding.q_start)[:, endless].max() <= np.pi
+    np.testing.assert_allclose(
+        [holding.object_pose(q).translation for q in free],
+        np.tile(T.translation, (len(free), 1)),
+        atol=1e-4,
+    )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.carry.settings import TiltLimit
-from placement_planner_ros.core.carry.tilt_kernels import edge_keeps_tilt, project_tilt
+from placement_planner_ros.core.carry.tilt_kernels import TiltedChain, edge_keeps_tilt, project_tilt
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.types import Array
@@ -37,8 +37,9 @@ class TiltConstraint:
         self.planned = limit.most - min(_RESERVE_SHARE * limit.most, _MOST_RESERVE)
         self._chain = chain
         self._up = kernel_input(R_tip_object @ limit.up)
-        self._frames = np.zeros((chain.dof + 1, 4, 4))
-        self._work = np.zeros((5, chain.dof))
+        frames, work = np.zeros((chain.dof + 1, 4, 4)), np.zeros((5, chain.dof))
+        joints = chain.fixed, chain.prismatic, chain.lower, chain.upper
+        self._tilted = TiltedChain(*joints, self._up, frames, work)
         self._straight = np.zeros(chain.dof)
 
     def tilt(self, q: Array) -> float:
@@ -53,17 +54,7 @@ class TiltConstraint:
         """
         near = np.array(q, dtype=np.float64)
         chain = self._chain
-        projected = project_tilt(
-            chain.fixed,
-            chain.prismatic,
-            self._up,
-            chain.lower,
-            chain.upper,
-            near,
-            self.planned,
-            self._frames,
-            self._work,
-        )
+        projected = project_tilt(self._tilted, near, self.planned)
         if projected and len(chain.ties):
             near = follow_masters(chain.ties, near)
             projected = self.tilt(near) <= self.planned
@@ -84,16 +75,6 @@ class TiltConstraint:
         return self._edge_keeps(a, b, kernel_input(deviation), self.limit.most)
 
     def _edge_keeps(self, a: Array, b: Array, deviation: Array, most: float) -> bool:
-        return bool(
-            edge_keeps_tilt(
-                self._chain.fixed,
-                self._chain.prismatic,
-                self._up,
-                kernel_input(a),
-                kernel_input(b),
-                deviation,
-                math.cos(most) + _COSINE_ROUNDING,
-                self._frames,
-                self._work,
-            )
-        )
+        ends = kernel_input(a), kernel_input(b)
+        least = math.cos(most) + _COSINE_ROUNDING
+        return bool(edge_keeps_tilt(self._tilted, *ends, deviation, least))

@@ -21,6 +21,7 @@ c(q) + Σ_i ∂c/∂q_i (q'_i − q_i) − ½ Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
@@ -40,6 +41,21 @@ _LONGEST_STEP_RAD = 0.5
 """rad, of all joints together, in one of Newton's steps."""
 _LEAST_TILT_SLOPE = 1e-6
 """Slope of the tilt, per rad of all joints together, below which nothing leads back."""
+
+
+class TiltedChain(NamedTuple):
+    """An arm's joints (n), with an axis that its tip carries, and room to work in."""
+
+    fixed: Array
+    """(n + 1, 4, 4) and `prismatic` (n,): of `kinematics.Chain`, as are the limits (n,)."""
+    prismatic: Flags
+    lower: Array
+    upper: Array
+    up: Array
+    """(3,) the axis in the frame of the tip."""
+    frames: Array
+    """(n + 1, 4, 4); `work` (5, n)."""
+    work: Array
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -89,26 +105,19 @@ def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def edge_keeps_tilt(
-    fixed: Array,
-    prismatic: Flags,
-    up: Array,
-    a: Array,
-    b: Array,
-    deviation: Array,
-    least: float,
-    frames: Array,
-    work: Array,
-) -> bool:
+def edge_keeps_tilt(chain: TiltedChain, a: Array, b: Array, deviation: Array, least: float) -> bool:
     """Whether c ≥ least on the straight motion from a to b (n,), strayed from by `deviation` (n,).
 
     From a on, interval after interval, each certified by this module's bound around its middle;
     one that is not is halved, until it is too short to go on with.
-
-    Args:
-        up: (3,) the axis in the frame of the tip.
-        frames: (n + 1, 4, 4), work: (5, n) work space.
     """
+    fixed, prismatic, up, frames, work = (
+        chain.fixed,
+        chain.prismatic,
+        chain.up,
+        chain.frames,
+        chain.work,
+    )
     # The configuration and the ranges of the joints, in the work space; the first interval is all.
     dof = len(a)
     q, delta = work[3], work[4]
@@ -148,17 +157,7 @@ def edge_keeps_tilt(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def project_tilt(
-    fixed: Array,
-    prismatic: Flags,
-    up: Array,
-    lower: Array,
-    upper: Array,
-    q: Array,
-    most: float,
-    frames: Array,
-    work: Array,
-) -> bool:
+def project_tilt(chain: TiltedChain, q: Array, most: float) -> bool:
     """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm.
 
     Joints at a limit that a step would lead out of take no part in it.
@@ -166,11 +165,12 @@ def project_tilt(
     Returns:
         False where it does not come there; q is then anything.
     """
+    frames, work, lower, upper = chain.frames, chain.work, chain.lower, chain.upper
     dof = len(q)
     # The tilt at q: there already, or where no joint can change it.
     for _ in range(_NEWTON_STEPS):
-        chain_frames(fixed, prismatic, q, frames)
-        c, s = _tilt_and_slopes(prismatic, up, frames, work)
+        chain_frames(chain.fixed, chain.prismatic, q, frames)
+        c, s = _tilt_and_slopes(chain.prismatic, chain.up, frames, work)
         tilt = math.atan2(s, c)
         if tilt <= most:
             return True

@@ -100,13 +100,11 @@ class Meeting:
     Attributes:
         first, second: links, `HELD_OBJECT`, `PLACED_OBJECT` or `ENVIRONMENT`.
         where: (3,) m.
-        box: of the obstacle set, that is met; -1 where it is not the environment.
     """
 
     first: str
     second: str
     where: Array
-    box: int = -1
 
     def __str__(self) -> str:
         x, y, z = self.where
@@ -329,8 +327,7 @@ class ArmCollision:
         found = self._collision(q, reserve, contact)
         # Free here: what the other set of obstacles says.
         if found is None:
-            met = self._aside.meeting(q, reserve) if contact and self._aside is not None else None
-            return None if met is None else replace(met, box=-1)  # which is of another set
+            return self._aside.meeting(q, reserve) if contact and self._aside is not None else None
         # A ball inside a body was found in a box: which part and which box.
         kind, s, other = found
         if kind == 2:
@@ -338,7 +335,7 @@ class ArmCollision:
         first = self._flat.bodies[self._flat.set_body[s]].name
         if kind == 0:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
-            return Meeting(first, ENVIRONMENT, where, other)
+            return Meeting(first, ENVIRONMENT, where)
         return Meeting(
             self._flat.bodies[self._flat.set_body[other]].name, first, self._between(s, other)
         )

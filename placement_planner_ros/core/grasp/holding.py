@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.carry.tilt import TiltConstraint
-from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
+from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.free_yaw_ik import FIRST_SEEDS, FreeYawIK
@@ -166,36 +166,9 @@ class Holding:
         free = Q[self.collision.free_batch(Q, self._reserve, contact=True)]
         return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
 
-    def candidates(self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator) -> Array:
-        """(k, dof) configurations with O(q) = x, free or not."""
-        T_world_tip = self.tip_pose(T_world_object)
-        near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
-        return self._nearest(
-            self._ik.solve(T_world_tip, np.concatenate([self.q_start[None], near]))
-        )
-
     def _nearest(self, Q: Array) -> Array:
         """Q (n, dof), the shorter way round from q_0."""
         return self.arm.nearest_turns(Q, self.q_start)
-
-    def meeting(self, q: Array, T_world_object: pin.SE3) -> Meeting | None:
-        """What stands in the way of placing the object with q (dof,), O(q) = x; None where nothing
-        is met.
-
-        Collisions of the arm at contact; where there are none, of the fingers as they open, of the
-        way down, or of the hand's way back.
-        """
-        # The arm at contact, then the fingers as they open.
-        found = self.collision.meeting(q, self._reserve, contact=True)
-        found = found or self.open_hand.release_meeting(q)
-        if found is None:
-            # Then the arm where the way down begins.
-            raised = pin.SE3(T_world_object)
-            raised.translation[2] += self._settings.approach_minimum
-            above = self.follow(raised, q)
-            if above is not None:
-                found = self.collision.meeting(above, self._reserve)
-        return found or self.open_hand.retreat_meeting(q, T_world_object)
 
     def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
         """The configuration (dof,) continuing from `q` that brings the object to that pose."""

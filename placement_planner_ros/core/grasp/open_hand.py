@@ -18,7 +18,6 @@ from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
     ArmCollision,
     CollisionSettings,
-    Meeting,
 )
 from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.errors import GraspError
@@ -87,10 +86,6 @@ class OpenHand:
         """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
         return self._opening.free(q, self._reserve)
 
-    def release_meeting(self, q: Array) -> Meeting | None:
-        """What the fingers meet as they open at q (dof,); None where nothing."""
-        return self._opening.meeting(q, self._reserve)
-
     def leaving_error(self, grasp: int) -> GraspError | None:
         """What the hand meets on each of its straight ways off the object; None where one is clear.
 
@@ -98,6 +93,7 @@ class OpenHand:
         no placement could have: whatever stands around, and whatever the arm does, each way of
         `retreat` leads a link of the hand through the object, or too close past it.
         """
+        # The links of the hand against the placed object, and nothing else.
         hand = self._open.hand_links
         alone = self._open.with_pairs(
             lambda a, b: PLACED_OBJECT in (a, b) and bool(hand & {a, b}), environment=False
@@ -130,24 +126,6 @@ class OpenHand:
             "the object where the fingers do not close around it and the hand does not lie in it, "
             "check object.scale, or set require_retreat to false",
         )
-
-    def retreat_meeting(self, q: Array, T_world_object: pin.SE3) -> Meeting | None:
-        """What the open hand meets first on its own way back from q (dof,), along the tip's z.
-
-        None where nothing, or where the arm cannot follow that way at all.
-        """
-        self._place(T_world_object)
-        T_world_tip = self._ik.chain.forward(q)
-        way = q
-        for pose in _poses_along(T_world_tip, -T_world_tip[:3, 2], self._stations(PARTING_M)):
-            tracked = self._ik.track(pose[None], way)
-            if tracked is None:
-                return None
-            way = tracked[-1]
-            found = self._open.meeting(way, self._reserve)
-            if found is not None:
-                return found
-        return None
 
     def retreat(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Array | None:
         """(m, dof) certified waypoints straight away from the object, from q on; None without.

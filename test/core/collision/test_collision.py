@@ -529,15 +529,6 @@ def test_nothing_thin_slips_between_the_samples(slider, thickness):
         assert not checker.edge_free(b, a)
 
 
-def test_deviation_is_respected(slider):
-    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
-    checker = slider_checker(slider, obstacles)
-    side = obstacles.upper[:, 1].max() + 0.02 + 0.003
-    a, b = np.array([-0.5, side + 0.005]), np.array([1.5, side + 0.005])
-    assert checker.edge_free(a, b, deviation=np.array([0.0, 0.004]))
-    assert not checker.edge_free(a, b, deviation=np.array([0.0, 0.006]))
-
-
 PLANAR = """
 <robot name="planar">
   <link name="base"/>

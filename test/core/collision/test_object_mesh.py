@@ -7,13 +7,11 @@ import trimesh
 
 from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.primitives import bowl
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -113,41 +111,3 @@ def test_placed_it_meets_what_its_solids_meet(yumi, obstacles, both):
             each.place(T)
         answers.append([each.classify(Q) for each in made])
     compare(*(np.concatenate(each) for each in zip(*answers, strict=True)))
-
-
-def test_coming_down_it_meets_what_its_solids_meet(obstacles, both):
-    solids, mesh = (ObjectCollision(body, obstacles) for body in both)
-    rng = np.random.default_rng(2)
-    poses = []
-    for _ in range(600):
-        T = pin.SE3(pin.exp3(rng.normal(size=3) * 0.5), rng.uniform(-0.3, 0.4, 3))
-        T.translation[2] = rng.uniform(0.0, 0.15)
-        T.translation[0] += 0.4
-        poses.append(T.homogeneous)
-    raised = rng.choice([0.0, 0.02, 0.1], len(poses))
-    answers = [each.free_at(np.array(poses), 0.0, raised) for each in (solids, mesh)]
-    assert (answers[0] == answers[1]).all()
-    assert 0.1 < answers[0].mean() < 0.9
-
-
-def test_points_in_its_hollow_are_not_in_the_way(yumi):
-    """Of a bowl that is carried, by the space that it sweeps."""
-    moving = arm_of(yumi)
-    nothing = ObstacleSet.from_points(np.zeros((0, 3)), GridSettings(), BOUNDS)
-    _, mesh = bowls()
-    held = ArmCollision(moving, AttachedObject(mesh), nothing, CollisionSettings())
-    Q = np.repeat(moving.q[None], 2, axis=0)
-    space = SweptSpace([Stretch("carrying", held, Q)], nothing, 0.003)
-    T = yumi.link_pose(moving.q_rest, moving.arm.tip_frame) * GRASP
-
-    def hit(point):
-        cloud = np.repeat(T.act(np.array(point, float))[None], 5, axis=0)
-        rows = space.news(cloud)
-        found = space.first_hit(cloud[rows]) if len(rows) else None
-        return None if found is None else found.body
-
-    assert hit((0.0, 0.0, 0.03)) is None
-    assert hit((0.03, 0.0, 0.04)) is None
-    assert hit((OUTER - 0.002, 0.0, 0.03)) == "the held object"
-    assert hit((0.0, 0.0, WALL / 2)) == "the held object"
-    assert hit((0.0, 0.0, WALL + 0.002)) == "the held object"

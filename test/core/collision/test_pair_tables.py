@@ -66,13 +66,6 @@ def distance(robot, links, q):
     )
 
 
-def apart_cells(tables):
-    """(m, n) what the cells of the first table say."""
-    rows, columns, _ = tables.counts[0].tolist()
-    counts = tables.open[: (rows + 1) * (columns + 1)].reshape(rows + 1, columns + 1)
-    return np.diff(np.diff(counts, axis=0), axis=1) == 0
-
-
 def tabled_pairs(checker):
     names = [body.name for body in checker._flat.bodies]
     return {

@@ -202,24 +202,3 @@ def test_a_swept_sphere_dilates_the_shape(name):
     assert (after.vertices == before.vertices).all()
     tree, bare = (sphere_tree(Shape((s,)), 5 * EXCESS) for s in (after, before))
     assert tree.radii == pytest.approx(bare.radii + 0.004)
-
-
-def test_meshes_that_are_not_finite_are_refused():
-    mesh = SHAPES["torus"][1]
-    broken = mesh.vertices.copy()
-    broken[3, 1] = np.nan
-    with pytest.raises(RobotError, match="link elbow"):
-        shape_of(bvh(trimesh.Trimesh(broken, mesh.faces, process=False)), "link elbow")
-
-
-def test_a_mesh_has_the_sets_of_its_cover_and_its_triangles_beside_them():
-    mesh = SHAPES["torus"][1]
-    cover = covers("torus")
-    shape = shape_of(SHAPES["torus"][0], "torus", cover)
-    assert len(shape.sets) == len(cover.parts) > 1
-    assert shape.excess == cover.excess
-    assert len(shape.mesh.closed) == len(mesh.faces)
-    bare = shape_of(SHAPES["torus"][0], "torus")
-    assert len(bare.sets) == 1
-    assert bare.excess == np.inf
-    assert bare.mesh is not None

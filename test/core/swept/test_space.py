@@ -191,23 +191,6 @@ def test_single_points_are_flying_pixels(robot, holding, obstacles):
     assert sparse.first_hit(inside[None]) is not None
 
 
-def test_what_is_no_number_and_far_away_is_passed_over(holding, obstacles):
-    dense = Path(np.random.default_rng(3)).dense()
-    space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
-    odd = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf] * 3, [1e300] * 3, [-1e9, 0, 0]])
-    assert len(space.news(odd)) == 0
-    assert len(space.news(np.zeros((0, 3)))) == 0
-    assert space.first_hit(odd) is None
-    assert space.first_hit(np.zeros((0, 3))) is None
-
-
-def test_without_anything_known_all_is_news(robot, holding):
-    nothing = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
-    dense = Path(np.random.default_rng(4)).dense()
-    space = SweptSpace([Stretch("path", holding, dense)], nothing, MARGIN)
-    assert hits(space, robot.link_pose(dense[-1], "fore").act(np.array([0.1, 0.0, 0.0])))
-
-
 def test_a_path_that_stands_still_is_swept_too(robot, holding, obstacles):
     q = np.array([[0.3, 0.1, 0.05, 0.0]])
     for still in (q, np.repeat(q, 7, axis=0)):
