@@ -74,6 +74,9 @@ _log = logging.getLogger(__name__)
 
 _EXPLAINED_SAMPLES = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
+_UNPROVEN_SAMPLES = 600
+"""Samples that find something where that is easy, before it is looked for a proof that nothing is
+there."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
 SupportRegionName = Literal["any", "largest"]
@@ -367,7 +370,8 @@ class PlacementPlanner:
             if best > -np.inf:
                 self._narrow(best)
             if self.motion.goals == 0:
-                if best == -np.inf and self._remainder.empty():
+                samples = self.statistics.samples
+                if best == -np.inf and samples >= _UNPROVEN_SAMPLES and self._remainder.empty():
                     self.cause = self._remainder.cause
                     self.exhausted = self.explain().short
                 continue

@@ -12,19 +12,15 @@ from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.objective.objective import PoseRanges
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
-
-_MOST_RADII = 10.0
-"""Radii that a ball may move at most for its way to be looked at, at some 600 places."""
 
 
 class OverlapBound:
     """Whether a box of the obstacle set lies in the object wherever it stands in a cell.
 
-    Balls inside its convex pieces are looked at, wherever they get: under a ceiling that is too
-    low, there is always something in one. Objects without convex pieces are ruled out nowhere.
+    Of balls inside its convex pieces it is told how far they move: a box that reaches further than
+    that into one is in it at every pose. Objects without convex pieces are ruled out nowhere.
 
     Args:
         poses: the body and the obstacle set.
@@ -58,38 +54,6 @@ def inner_balls(body: Body, radius: float) -> Array:
     return np.column_stack([body.volume_points, depth])[order]
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _stays_on_boxes(
-    ball: Array,
-    at: tuple[float, float, float],
-    axis: Array,
-    moved: float,
-    highest: float,
-    grid: Array,
-    field: npt.NDArray[np.uint8],
-) -> bool:
-    """Whether a ball (4,) whose centre moves about a place, square to an axis, is always on a box
-    that is no more than `highest` from its centre."""
-    # Two directions square to the axis.
-    length = np.sqrt(axis[0] * axis[0] + axis[2] * axis[2])
-    ux, uz = axis[2] / length, -axis[0] / length
-    vx, vy, vz = axis[1] * uz, axis[2] * ux - axis[0] * uz, -axis[1] * ux
-    # A lattice of places, from one of which it is never further than half its radius.
-    reach = 0.5 * ball[3]
-    step = np.sqrt(2.0) * reach
-    count = int(np.ceil(moved / step))
-    for i in range(-count, count + 1):
-        for j in range(-count, count + 1):
-            a, b = i * step, j * step
-            if a * a + b * b > (moved + reach) ** 2:
-                continue
-            x, y, z = at[0] + a * ux + b * vx, at[1] + b * vy, at[2] + a * uz + b * vz
-            _, near = distance_bounds(grid, field, x, y, z)
-            if near >= highest or near + reach >= ball[3]:
-                return False
-    return True
-
-
 @njit(cache=True, nogil=True)
 def _mark_overlaps(
     balls: Array,
@@ -114,17 +78,15 @@ def _mark_overlaps(
             x = T[n, 0, 0] * u + T[n, 0, 1] * v + T[n, 0, 2] * w + T[n, 0, 3]
             y = T[n, 1, 0] * u + T[n, 1, 1] * v + T[n, 1, 2] * w + T[n, 1, 3]
             z = T[n, 2, 0] * u + T[n, 2, 1] * v + T[n, 2, 2] * w + T[n, 2, 3]
-            _, near = distance_bounds(grid, field, x, y, z)
-            if near >= balls[b, 3]:
-                continue
             qx, qy, qz = x - moves[n, 0], y - moves[n, 1], z - moves[n, 2]
             up = moves[n, 3] * qx + moves[n, 4] * qy + moves[n, 5] * qz
             # how far it moves: with the point, and turning about it
             aside = np.sqrt(max(qx * qx + qy * qy + qz * qz - up * up, 0.0))
             moved = moves[n, 6] + moves[n, 7] * aside
-            axis, highest = moves[n, 3:6], up - above
-            if moved < _MOST_RADII * balls[b, 3] and _stays_on_boxes(
-                balls[b], (x, y, z), axis, moved, highest, grid, field
-            ):
+            if moved >= balls[b, 3]:
+                continue
+            # a box that stays in it, and is above the support
+            _, near = distance_bounds(grid, field, x, y, z)
+            if near + moved < balls[b, 3] and near < up - above:
                 result[n] = True
                 break

@@ -180,26 +180,6 @@ class SupportMap:
                 return np.asarray(result)
             self._make(missing, tolerance)
 
-    def room(self, z: float, tolerance: float, margin: float | None, off: float) -> Array:
-        """(n, 4) xmin, ymin, xmax, ymax of squares outside of which nothing may stand at height z.
-
-        Args:
-            z: metres, above the plane through the origin.
-            tolerance, margin: metres; as for `gaps`.
-            off: at any height that differs from z by no more, metres.
-        """
-        keeps = 0.0 if margin is None else margin + self.trim
-        squares = [np.zeros((0, 4))]
-        for step in range(round((z - off) / LAYER_STEP_M), round((z + off) / LAYER_STEP_M) + 1):
-            layer = self.layer(step * LAYER_STEP_M, tolerance)
-            if layer is None:
-                continue
-            may = (layer.inside >= 0.0) & (layer.from_end >= (keeps if keeps > 0.0 else -np.inf))
-            # between four pixels something stands only where it does on one of them
-            at = layer.origin + np.argwhere(may) * layer.pixel
-            squares.append(np.hstack([at - layer.pixel, at + layer.pixel]))
-        return np.concatenate(squares)
-
     def ends(self, height: float, tolerance: float) -> Array:
         """(n, 2) where the surfaces about a height end, but where a thing stands.
 

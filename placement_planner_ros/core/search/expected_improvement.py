@@ -3,12 +3,13 @@
 A part of a cell is worth looking at if its sample may be free, better than ξ_best, and reached.
 Each of the three is learned from the samples of the run: how often parts of such a cell were free,
 how far ξ of a part lies from ξ of the whole, and how many of the tries to reach a pose succeeded
-there, smoothed over the cells above in the AFR hierarchy.
+there and what they cost, smoothed over the cells above in the AFR hierarchy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
@@ -32,6 +33,16 @@ KINDS = np.array(
     ]
 )
 """By verdict."""
+TRY_COSTS = {
+    Verdict.NO_IK: 5.0,
+    Verdict.ARM_COLLIDING: 6.0,
+    Verdict.NO_RELEASE: 90.0,
+    Verdict.NO_APPROACH: 100.0,
+    Verdict.NO_RETREAT: 200.0,
+    Verdict.FEASIBLE: 1500.0,
+}
+"""Samples whose checks take as long as a try to reach a pose with all arms and grasps, by how it
+ends; that of a goal with its motion, its optimisation and its timing. Medians of four cases."""
 
 DEPTH, KIND, VALUE, SCALE, NODE, LACK = range(6)
 STATE = 6
@@ -42,36 +53,49 @@ ROOT = -1.0
 """The depth that ξ is of where none is known: then it is the mean of all."""
 
 _TRIES = 2.0
-"""Tries that the chance of the cell above counts as."""
+"""Tries that what is known of the cell above counts as."""
 _TRIALS = 10.0
 """Samples that what cells promise counts as, beside what such cells gave."""
-_REACH_COST = 5.0
-"""Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
+_DEEPEST = 30
+"""Depth of the smallest cells that are told apart by their depth: a billionth of a region."""
+
+
+@dataclass(slots=True)
+class _Node:
+    """A face, or a cell that was split or is coarse, and the tries to reach poses in it.
+
+    Attributes:
+        above: number of the node above; -1 for a face.
+        tries, reached: how many there were, and how many did.
+        spent: samples that they cost.
+    """
+
+    above: int
+    tries: float = 0.0
+    reached: float = 0.0
+    spent: float = 0.0
 
 
 class ImprovementModel:
     """What the samples so far say of parts of cells.
 
     Args:
-        faces: |F|.
+        faces: |F|, the first nodes.
     """
 
     def __init__(self, faces: int) -> None:
+        shape = _DEEPEST + 1, len(KIND_NUMBERS)
         # Per depth and kind of the cell above: samples, and how many of them were free.
-        self._drawn = np.full((1, len(KIND_NUMBERS)), 2.0)
-        self._free = np.ones((1, len(KIND_NUMBERS)))
+        self._drawn, self._free = np.full(shape, 2.0), np.ones(shape)
         # Per depth and kind of the cell above: what its parts promised to add to ξ_best, and did.
-        self._promised, self._kept = np.zeros((2, 1, len(KIND_NUMBERS)))
-        # Per depth: how many values are known whose cell above has one, and their squared distances
-        # from it; at depth 0 all values, from their mean.
-        self._values, self._squares = np.zeros(1), np.zeros(1)
+        self._promised, self._kept = np.zeros((2, *shape))
+        # Per depth: how many values are known whose cell above has one, their squared distances
+        # from it, and what is typical of these; at depth 0 of all values, from their mean.
+        self._values, self._squares = np.zeros((2, _DEEPEST + 1))
+        self._spread = 0.5 ** np.arange(_DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        # Nodes: the faces, then every cell that was split or is coarse. Of each, the one above, and
-        # how many tries to reach a pose in it there were and how many did.
-        self._above = np.full(2 * faces, -1)
-        self._tries, self._reached = np.zeros((2, 2 * faces))
-        self._nodes = faces
+        self._nodes = [_Node(-1) for _ in range(faces)]
 
     @property
     def mean(self) -> float:
@@ -88,39 +112,35 @@ class ImprovementModel:
 
     def add_node(self, above: int) -> int:
         """The number of a new node below one."""
-        node = self._nodes
-        if node == len(self._above):
-            self._above = np.append(self._above, np.full(node, -1))
-            self._tries = np.append(self._tries, np.zeros(node))
-            self._reached = np.append(self._reached, np.zeros(node))
-        self._above[node] = above
-        self._nodes += 1
-        return node
+        self._nodes.append(_Node(above))
+        return len(self._nodes) - 1
 
-    def chance_to_reach(self, node: int) -> float:
-        """Of a try in a node: a Beta count, smoothed over the nodes above."""
+    def outlook(self, node: int) -> tuple[float, float]:
+        """The chance that a try in a node reaches its pose, and the samples that it costs.
+
+        Both are means over its tries, those of the nodes above, and one that succeeds at the cost
+        of one that fails late.
+        """
         chain = []
         while node >= 0:
-            chain.append(node)
-            node = int(self._above[node])
-        chance = 0.5
+            chain.append(self._nodes[node])
+            node = chain[-1].above
+        chance, cost = 0.5, TRY_COSTS[Verdict.NO_APPROACH]
         for each in reversed(chain):
-            chance = self._mixed(chance, each)
-        return chance
+            weight = _TRIES + each.tries
+            chance = (_TRIES * chance + each.reached) / weight
+            cost = (_TRIES * cost + each.spent) / weight
+        return chance, cost
 
-    def chances_to_reach(self) -> Array:
-        """(nodes,) the same of all nodes."""
-        chances = np.empty(self._nodes)
-        for node, above in enumerate(self._above[: self._nodes].tolist()):
-            chances[node] = self._mixed(float(chances[above]) if above >= 0 else 0.5, node)
-        return chances
-
-    def _mixed(self, above: float, node: int) -> float:
-        return (_TRIES * above + float(self._reached[node])) / (_TRIES + float(self._tries[node]))
+    def outlooks(self, nodes: Array) -> tuple[Array, Array]:
+        """(n,) chances and (n,) costs of nodes (n,)."""
+        each, where = np.unique(nodes.astype(np.int64), return_inverse=True)
+        found = np.array([self.outlook(node) for node in each.tolist()]).reshape(-1, 2)
+        return found[where, 0], found[where, 1]
 
     def lose(self, node: int) -> None:
         """A goal there was not reached by any motion: it counts as a try that failed."""
-        self._reached[node] = max(self._reached[node] - 1.0, 0.0)
+        self._nodes[node].reached = max(self._nodes[node].reached - 1.0, 0.0)
 
     def learn(self, state: Array, verdicts: Index, values: Array, best: float) -> Array:
         """(n, 6) what is known of cells after their samples.
@@ -130,16 +150,15 @@ class ImprovementModel:
             best: as in `promise`.
         """
         kinds = KINDS[verdicts]
-        depths = state[:, DEPTH].astype(np.int64)
-        self._grow(int(depths.max(initial=0)) + 2)
+        depths = np.minimum(state[:, DEPTH].astype(np.int64), _DEEPEST)
+        of = depths, state[:, KIND].astype(np.int64)
         valued = kinds == VALUED
-        above = state[:, KIND].astype(np.int64)
-        promised, _ = self._gain(state, depths, best)
-        np.add.at(self._promised, (depths, above), promised)
-        kept = np.where(valued, np.maximum(values - self._reference(best), 0.0), 0.0)
-        np.add.at(self._kept, (depths, above), kept)
-        np.add.at(self._drawn, (depths, above), 1.0)
-        np.add.at(self._free, (depths, above), valued)
+        # What was promised, what came of it, and how many were free.
+        np.add.at(self._promised, of, self._gain(state, depths, best)[0])
+        gained = np.where(valued, np.maximum(values - self._reference(best), 0.0), 0.0)
+        np.add.at(self._kept, of, gained)
+        np.add.at(self._drawn, of, 1.0)
+        np.add.at(self._free, of, valued)
         # How far a value is from that of the cell above; a coarse cell's, from the mean.
         whole = valued & (depths == 0)
         self._sum += float(values[whole].sum())
@@ -147,16 +166,10 @@ class ImprovementModel:
         np.add.at(self._values, depths[known], 1.0)
         off = values[known] - np.where(whole[known], self.mean, state[known, VALUE])
         np.add.at(self._squares, depths[known], off * off)
-        tried = verdicts > Verdict.NOT_BETTER
-        reached = verdicts == Verdict.FEASIBLE
-        for node, did in zip(state[tried, NODE].astype(np.int64), reached[tried], strict=True):
-            # Many tries in one part say little of the others: above they count ever less.
-            weight = 1.0
-            while node >= 0:
-                self._tries[node] += weight
-                self._reached[node] += weight * did
-                weight *= _TRIES / (_TRIES + self._tries[node])
-                node = self._above[node]
+        self._spread_values()
+        # Tries: many in one part say little of the others, so above they count ever less.
+        for row in np.flatnonzero(verdicts > Verdict.NOT_BETTER).tolist():
+            self._count_try(int(state[row, NODE]), Verdict(verdicts[row]))
         after = state.copy()
         after[:, KIND] = kinds
         after[valued, VALUE], after[valued, SCALE] = values[valued], depths[valued]
@@ -166,40 +179,50 @@ class ImprovementModel:
         self._lacks, self._lack = self._lacks + int(some.sum()), self._lack - values[some].sum()
         return after
 
-    def promise(self, state: Array, best: float) -> Array:
-        """(n,) what a sample in a part of each cell is expected to add to ξ_best, for its cost, if
-        what is better is reached.
+    def _count_try(self, number: int, verdict: Verdict) -> None:
+        weight = 1.0
+        while number >= 0:
+            node = self._nodes[number]
+            node.tries += weight
+            node.reached += weight * (verdict is Verdict.FEASIBLE)
+            node.spent += weight * TRY_COSTS[verdict]
+            weight *= _TRIES / (_TRIES + node.tries)
+            number = node.above
+
+    def promise(self, state: Array, best: float) -> tuple[Array, Array]:
+        """(n,) what a sample in a part of each cell is expected to add to ξ_best if what is better
+        is reached, and (n,) how often it is tried whether it is.
 
         Args:
             state: (n, 6) of the cells.
             best: ξ_best, or that of a goal which waits for its motion; -inf where nothing was
                 found, so that any value above the mean adds to it.
         """
-        depths = state[:, DEPTH].astype(np.int64) + 1
-        gain, cost = self._gain(state, depths, best)
+        depths = np.minimum(state[:, DEPTH].astype(np.int64) + 1, _DEEPEST)
+        gain, tried = self._gain(state, depths, best)
         # What such cells promised so far, and what they gave.
         kinds = state[:, KIND].astype(np.int64)
         promised, kept = self._promised[depths, kinds], self._kept[depths, kinds]
         doubt = _TRIALS * promised / self._drawn[depths, kinds]
-        reliable = np.divide(
+        gain *= np.divide(
             kept + doubt, promised + doubt, out=np.ones(len(state)), where=promised > 0.0
         )
-        promise = gain * reliable / cost
         # What breaks a rule by less is nearer to what breaks none.
         if self._lack > 0.0:
-            promise *= np.exp(-state[:, LACK] * (self._lacks / self._lack))
-        return np.asarray(promise)
+            gain *= np.exp(-state[:, LACK] * (self._lacks / self._lack))
+        return gain, tried
 
     def _gain(self, state: Array, depths: Index, best: float) -> tuple[Array, Array]:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of
-        the cell above, and (n,) its cost in samples."""
+        the cell above, and (n,) how often it is free and better."""
         kinds = state[:, KIND].astype(np.int64)
         free = self._free[depths, kinds] / self._drawn[depths, kinds]
-        spread = self._spread()[state[:, SCALE].astype(np.int64) + 1]
+        scales = np.minimum(state[:, SCALE].astype(np.int64) + 1, _DEEPEST)
+        spread = self._spread[scales]
         z = (state[:, VALUE] - self._reference(best)) / spread
         better = ndtr(z)
         gain = spread * (z * better + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
-        return free * np.maximum(gain, 0.0), 1.0 + _REACH_COST * free * better
+        return free * np.maximum(gain, 0.0), free * better
 
     def _reference(self, best: float) -> float:
         return best if best > -np.inf else self.mean
@@ -209,24 +232,12 @@ class ImprovementModel:
         self._promised *= 0.5
         self._kept *= 0.5
 
-    def _spread(self) -> Array:
-        """(depths + 1,) typical distance of ξ of a part from that of the cell of depth k - 1; where
-        none is known, half of that of larger cells."""
-        spread = np.ones(len(self._values))
-        for depth, (count, squares) in enumerate(zip(self._values, self._squares, strict=True)):
-            if count > 1.0 and squares > 0.0:
-                spread[depth] = np.sqrt(squares / count)
+    def _spread_values(self) -> None:
+        """Typical distance of ξ of a part from that of the cell above, of each depth; where none is
+        known, half of that of larger cells."""
+        known = (self._values > 1.0) & (self._squares > 0.0)
+        for depth in range(_DEEPEST + 1):
+            if known[depth]:
+                self._spread[depth] = np.sqrt(self._squares[depth] / self._values[depth])
             elif depth:
-                spread[depth] = 0.5 * spread[depth - 1]
-        return spread
-
-    def _grow(self, depths: int) -> None:
-        more = depths - len(self._values)
-        if more > 0:
-            self._drawn = np.vstack([self._drawn, np.full((more, len(KIND_NUMBERS)), 2.0)])
-            self._free = np.vstack([self._free, np.ones((more, len(KIND_NUMBERS)))])
-            none = np.zeros((more, len(KIND_NUMBERS)))
-            self._promised = np.vstack([self._promised, none])
-            self._kept = np.vstack([self._kept, none])
-            self._values = np.append(self._values, np.zeros(more))
-            self._squares = np.append(self._squares, np.zeros(more))
+                self._spread[depth] = 0.5 * self._spread[depth - 1]

@@ -10,7 +10,8 @@ what the arms fail to reach promises less with each try.
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -110,6 +111,7 @@ class OptimisticSampler(BatchSampler):
         # goals that wait for their motion: ξ, and at how many samples they were found in which node
         self._waiting: list[tuple[float, int, int]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
+        self._rate = 0.0  # what a sample in the best cell that is left adds to that
         self._ranked_at = 0  # samples by which they are
         # what is left of the round: cells with what is known of them, and (x, y, θ) drawn from them
         self._cells = np.empty((0, CELL_COLUMNS))
@@ -120,7 +122,12 @@ class OptimisticSampler(BatchSampler):
         """The next poses of the round, at most so many; of a new round where it is over."""
         if len(self._cells) == 0:
             self._begin_round(self.count.samples >= self._settings.uniform_first, best)
-        return self._sets.draws(sets_of(self._cells[:most]), self._poses[:most])
+        draws = self._sets.draws(sets_of(self._cells[:most]), self._poses[:most])
+        if best == -np.inf:
+            return draws
+        # A try is worth what it adds elsewhere.
+        chances, costs = self._model.outlooks(self._state[:most, NODE])
+        return replace(draws, worth=self._ranked_for + self._rate * costs / chances)
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was; the rest of the round is drawn from next."""
@@ -130,7 +137,7 @@ class OptimisticSampler(BatchSampler):
             self._state[:tried], outcome.verdicts, outcome.values, max(best, self._ranked_for)
         )
         # A cell too small to be split is split nevertheless if what is better there is not reached.
-        missed = (outcome.verdicts > Verdict.NOT_BETTER) & (outcome.verdicts < Verdict.FEASIBLE)
+        missed = (outcome.values > best) & (outcome.verdicts < Verdict.FEASIBLE)
         kept = (contact_areas(cells) > self._min_area) | missed
         self._filed.add(cells[kept], state[kept], self._ranked_for)
         for row in np.flatnonzero(outcome.verdicts == Verdict.FEASIBLE).tolist():
@@ -209,6 +216,7 @@ class OptimisticSampler(BatchSampler):
                 state[NODE] = self._model.add_node(int(state[NODE]))
             cells.append(cell)
             states.append(state)
+        self._rate = self._filed.rate
         return np.array(cells).reshape(-1, CELL_COLUMNS), np.array(states).reshape(-1, STATE)
 
     def _aim(self, best: float) -> float:
@@ -231,61 +239,55 @@ class _Cells:
 
     def __init__(self, model: ImprovementModel) -> None:
         self._model = model
-        self._cells, self._state = np.empty((0, CELL_COLUMNS)), np.empty((0, STATE))
-        self._promise = np.empty(0)
+        # One a row: the cell, what is known of it, and what it promises.
+        self._rows = np.empty((0, CELL_COLUMNS + STATE + 2))
         self._count = 0
-        self._heap: list[tuple[float, int]] = []  # by promise times the chance to reach, negative
+        self._heap: list[tuple[float, int]] = []  # by what a sample adds, negative
+
+    @property
+    def rate(self) -> float:
+        """What a sample in the first one is expected to add to ξ_best; 0 without any."""
+        return -self._heap[0][0] if self._heap else 0.0
 
     def add(self, cells: Array, state: Array, best: float) -> None:
         """File cells (n, 7) with what is known of them (n, 6)."""
-        end = self._count + len(cells)
-        if end > len(self._cells):
-            more = len(self._cells)
-            self._cells = np.vstack(
-                [self._cells[: self._count], cells, np.empty((more, CELL_COLUMNS))]
-            )
-            self._state = np.vstack([self._state[: self._count], state, np.empty((more, STATE))])
-            self._promise = np.append(
-                self._promise, np.empty(len(self._cells) - len(self._promise))
-            )
-        rows = range(self._count, end)
+        rows = np.column_stack([cells, state, *self._model.promise(state, best)])
+        first, end = self._count, self._count + len(rows)
+        if end > len(self._rows):
+            room = np.empty((end, self._rows.shape[1]))
+            self._rows = np.concatenate([self._rows[:first], rows, room])
+        self._rows[first:end] = rows
         self._count = end
-        self._cells[rows], self._state[rows] = cells, state
-        self._promise[rows] = self._model.promise(state, best)
-        for row in rows:
-            heapq.heappush(self._heap, (self._rank(row), row))
+        for entry in self._entries(first):
+            heapq.heappush(self._heap, entry)
         if len(self._heap) > _MAX_CELLS:
             self._heap = heapq.nsmallest(_MAX_CELLS // 2, self._heap)
-            self._compact()
+            self.rank(best)
 
     def rank(self, best: float) -> None:
-        """Rank all anew."""
-        self._compact()
-        self._promise = self._model.promise(self._state, best)
-        chances = self._model.chances_to_reach()[self._state[:, NODE].astype(np.int64)]
-        self._heap = sorted(
-            zip((-self._promise * chances).tolist(), range(self._count), strict=True)
-        )
+        """Rank all anew, and forget those that were taken."""
+        self._rows = self._rows[[row for _, row in self._heap]]
+        self._count = len(self._rows)
+        state = self._rows[:, CELL_COLUMNS:-2]
+        self._rows[:, -2:] = np.column_stack(self._model.promise(state, best))
+        self._heap = sorted(self._entries(0))
 
     def take(self) -> tuple[Array, Array] | None:
         """Remove the most promising one: (7,), and what is known of it (6,); None without any."""
         while self._heap:
-            _, row = self._heap[0]
+            row = self._heap[0][1]
             # It promises less by now where tries to reach poses failed.
-            rank = self._rank(row)
-            if rank <= min(self._heap[1:3], default=(0.0, 0))[0]:
+            entry = next(self._entries(row, row + 1))
+            if entry[0] <= min(self._heap[1:3], default=(0.0, 0))[0]:
                 heapq.heappop(self._heap)
-                return self._cells[row].copy(), self._state[row].copy()
-            heapq.heapreplace(self._heap, (rank, row))
+                found = self._rows[row].copy()
+                return found[:CELL_COLUMNS], found[CELL_COLUMNS:-2]
+            heapq.heapreplace(self._heap, entry)
         return None
 
-    def _rank(self, row: int) -> float:
-        return -float(self._promise[row]) * self._model.chance_to_reach(int(self._state[row, NODE]))
-
-    def _compact(self) -> None:
-        """Forget what is not in the heap."""
-        rows = np.array([row for _, row in self._heap], dtype=np.int64)
-        self._cells, self._state = self._cells[rows], self._state[rows]
-        self._promise = self._promise[rows]
-        self._heap = [(rank, k) for k, (rank, _) in enumerate(self._heap)]
-        self._count = len(rows)
+    def _entries(self, first: int, end: int | None = None) -> Iterator[tuple[float, int]]:
+        """Of rows, for the heap: what is expected of a sample and the tries that it leads to."""
+        rows = self._rows[first : self._count if end is None else end]
+        chances, costs = self._model.outlooks(rows[:, CELL_COLUMNS + NODE])
+        rates = rows[:, -2] * chances / (1.0 + rows[:, -1] * costs)
+        return zip((-rates).tolist(), range(first, first + len(rows)), strict=True)

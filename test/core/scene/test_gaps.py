@@ -16,19 +16,10 @@ from helpers.gratings import (
     support_of,
     wires,
 )
-from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.types import upright
 
 TOLERANCE = 0.003
-
-
-def room_of(support, probes):
-    """(n,) whether the bounds let something stand at each probe (n, 2)."""
-    squares = support.room(Z, TOLERANCE, 0.0, 0.0005)
-    half = 0.5 * (squares[0, 2] - squares[0, 0]) + 1e-9
-    away, _ = cKDTree(squares[:, :2] + half).query(probes, p=np.inf)
-    return away <= half
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
@@ -54,7 +45,6 @@ def test_bars_carry_and_the_gaps_between_them_do_not(width, gap, spacing, seed, 
         depth, well = inside(probes), outline(probes) > 0.02
         assert depth[stands & well].min() > -0.5e-3  # half a pixel
         assert stands[well & (depth > 0.6 * spacing)].mean() > 0.7
-        assert room_of(support, probes)[stands].all()
 
 
 @pytest.mark.parametrize(
@@ -96,7 +86,6 @@ def test_holes_of_meshes_that_are_two_and_a_half_spacings_wide(width, gap, spaci
     depth = inside(probes)
     assert stands[depth < -0.0015].mean() < 0.05
     assert not stands[depth < -0.4 * gap].any()
-    assert room_of(support, probes)[stands].all()
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
@@ -115,7 +104,6 @@ def test_gaps_of_rods_that_show_a_row_of_points_each(diameter, pitch, spacing, s
     probes = probes[outline(probes) > 0.025]
     stands = support.supported(at(probes), TOLERANCE)
     assert stands[inside(probes) < -0.0015].mean() < 0.1
-    assert room_of(support, probes)[stands].all()
 
 
 @pytest.mark.parametrize("spacing", [0.0025, 0.005])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.scene.environment import find_regions
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -130,26 +130,6 @@ def test_the_margin_is_kept_from_drops_and_from_the_unseen_but_not_from_things()
         # up to the wall, the rim and the box
         beside = np.minimum(0.25 - probes.max(axis=1), np.abs(probes - [-0.14, 0.14]).max(axis=1))
         assert (stands & (drop > margin + 0.012) & (beside < 0.045)).sum() > 20
-
-
-def test_rooms_hold_whatever_is_supported():
-    rng = np.random.default_rng(3)
-    stood = 0
-    for margin in (0.0, 0.003, 0.02, 0.06):
-        hull = ConvexHull(plate(rng))
-        xy = turned(lattice(rng, 0.004), 0.3)
-        support = support_of(on_plane(xy[inward(hull, xy) >= 0.0], 0.1))
-        squares = support.room(0.1005, TOLERANCE, margin, 0.0005)
-        probes = rng.uniform(-0.2, 0.2, (3000, 2))
-        stands = support.supported(on_plane(probes, 0.1), TOLERANCE, margin)
-        half = 0.5 * (squares[0, 2] - squares[0, 0]) + 1e-9 if len(squares) else 0.0
-        room = cKDTree(squares[:, :2] + half).query(probes, p=np.inf)[0] <= half
-        assert room[stands].all()
-        stood += stands.sum()
-        outside = inward(hull, probes) < margin - 0.01
-        if margin > 0.02:
-            assert not room[outside].any()
-    assert stood > 500
 
 
 def test_edges_of_noisy_surfaces_are_moved_in():

@@ -9,7 +9,9 @@ import pytest
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import (
+    CELL_COLUMNS,
     LOWER,
+    SET,
     UPPER,
     Y,
 )
@@ -21,7 +23,11 @@ from placement_planner_ros.core.search.hierarchy import (
     HierarchySettings,
 )
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
-from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
+from placement_planner_ros.core.search.optimistic import (
+    OptimisticSampler,
+    OptimisticSettings,
+    _Cells,
+)
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
@@ -230,23 +236,37 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     state = model.coarse(parts)
     for _ in range(1000):
         model.learn(state[:1], no, np.ones(1), 0.0)
-    hopeless, other = (model.chance_to_reach(part) for part in parts)
+    hopeless, other = (model.outlook(part)[0] for part in parts)
     assert hopeless < 0.002
     assert other > 10.0 * hopeless
     for _ in range(10):
         model.learn(state[1:], yes, np.ones(1), 0.0)
-    assert model.chance_to_reach(parts[1]) > 0.8
-    assert model.chance_to_reach(parts[0]) < 0.01
-    chances = model.chances_to_reach()
-    assert chances.tolist() == [model.chance_to_reach(node) for node in range(len(chances))]
+    assert model.outlook(parts[1])[0] > 0.8
+    assert model.outlook(parts[0])[0] < 0.01
 
 
-def test_nodes_of_many_faces_have_room():
-    model = ImprovementModel(3000)
-    nodes = [model.add_node(2999) for _ in range(5000)]
-    assert nodes == list(range(3000, 8000))
-    model.learn(model.coarse(nodes[-1:]), np.array([Verdict.NO_IK]), np.ones(1), 0.0)
-    assert model.chance_to_reach(nodes[-1]) < model.chance_to_reach(nodes[0]) < 0.5
+def test_what_tries_cost_is_learned_where_they_are_made():
+    """And of two places alike the one where they cost less is taken first."""
+    model = ImprovementModel(1)
+    cheap, dear = nodes = [model.add_node(0) for _ in range(2)]
+    for verdict, node in [(Verdict.NO_IK, cheap), (Verdict.NO_RETREAT, dear)] * 50:
+        model.learn(model.coarse([node]), np.array([verdict]), np.ones(1), 0.0)
+    chances, costs = model.outlooks(np.array(nodes))
+    assert chances[0] == pytest.approx(chances[1], rel=0.2)
+    assert costs[0] < 0.1 * costs[1]
+    cells, state = np.zeros((2, CELL_COLUMNS)), model.coarse([dear, cheap])
+    cells[:, SET] = [1, 0]
+    filed = _Cells(model)
+    filed.add(cells, state, 0.5)
+    assert filed.take()[0][SET] == 0
+
+
+def test_a_hair_better_is_not_tried_where_other_places_promise_more():
+    made, _ = sampler(OptimisticSampler, samples_per_call=100, uniform_first=100)
+    made._rate, made._ranked_for = 1e-3, 0.5
+    worth = made._draw(16, 0.5).worth
+    assert (worth > 0.51).all()
+    assert (made._draw(16, -np.inf).worth == -np.inf).all()
 
 
 def test_what_promises_more_than_it_gives_is_believed_less():
@@ -257,10 +277,10 @@ def test_what_promises_more_than_it_gives_is_believed_less():
     model.learn(state, free, rng.normal(size=100), 1.0)
     before = state.copy()
     before[:, DEPTH] = 1
-    first = model.promise(state[:1], 1.0)
+    first, _ = model.promise(state[:1], 1.0)
     for _ in range(5):  # parts that are as their whole, and never better
         model.learn(before, free, np.full(100, -3.0), 1.0)
-    assert model.promise(state[:1], 1.0) < 0.2 * first
+    assert model.promise(state[:1], 1.0)[0] < 0.2 * first
 
 
 @pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
