@@ -6,7 +6,9 @@ import logging
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +39,29 @@ _warm: deque[Robot] = deque(maxlen=4)
 """Robots that the kernels have been loaded for."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanOptions:
+    """How `plan` searches.
+
+    Attributes:
+        objective: a name that `make_objective` knows, or any callable of a pose, to be maximised.
+        time_limit: seconds from when the first placement is asked for, those included that pass
+            between placements; infinite: until closed.
+        seed: of every random choice; None: from the machine's entropy.
+        settings: all else.
+    """
+
+    objective: str | Objective = "maximize_clearance"
+    time_limit: float = 30.0
+    seed: int | None = None
+    settings: PlannerSettings = field(default_factory=PlannerSettings)
+
+    def __post_init__(self) -> None:
+        _require(PlannerSettings, "settings", self.settings, "PlannerSettings")
+        if not (isinstance(self.time_limit, Real) and self.time_limit > 0.0):
+            raise ParameterError("time_limit", self.time_limit, "give seconds above 0, or math.inf")
+
+
 def plan(
     robot: Robot,
     arms: Arm | Sequence[Arm],
@@ -44,11 +69,7 @@ def plan(
     body: Body,
     volume: TargetVolume,
     environment: Environment | npt.ArrayLike,
-    *,
-    objective: str | Objective = "maximize_clearance",
-    time_limit: float = 30.0,
-    seed: int | None = None,
-    settings: PlannerSettings | None = None,
+    **options: Any,
 ) -> Iterator[Placement]:
     """Search for placements, each better than the one before, with the motion that leads there.
 
@@ -66,10 +87,7 @@ def plan(
         volume: V, where it shall go, in the frame of the robot's root link, like all that follows.
         environment: (n, 3) points of the surroundings, metres, those on the robot and on the held
             object left out; or `Environment.from_points`, which can be used again.
-        objective: a name that `make_objective` knows, or any callable of a pose, to be maximised.
-        time_limit: seconds from when the first placement is asked for, those included that pass
-            between placements; infinite: until closed.
-        seed: of every random choice; None: from the machine's entropy.
+        options: `PlanOptions`: objective, time_limit, seed and settings.
 
     Raises:
         PlacementPlannerError: an input is unusable; the message says which, its value and what to
@@ -78,17 +96,15 @@ def plan(
     arms = _arms(robot, arms)
     _require(Body, "body", body, "Body.from_mesh")
     _require(TargetVolume, "volume", volume, "TargetVolume")
-    _require((PlannerSettings, type(None)), "settings", settings, "PlannerSettings")
+    how = PlanOptions(**options)
     moving = [joint for arm in arms for joint in arm.joints]
     q = _configuration(robot, q_start, moving)
     robot.require_plausible(q, [joint for arm in arms for joint in arm.used_joints])
     robot = robot.standing_at(q)  # the same one for the same q, so that nothing is made twice
-    if not (isinstance(time_limit, Real) and time_limit > 0.0):
-        raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")
     try:
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(how.seed)
     except (TypeError, ValueError) as error:
-        raise ParameterError("seed", seed, "give an integer of at least 0, or None") from error
+        raise ParameterError("seed", how.seed, "give an integer of at least 0, or None") from error
     if not isinstance(environment, Environment):
         bounds = workspace(robot, arms, q, body, volume)
         environment = Environment.from_points(environment, volume, bounds=bounds)
@@ -96,17 +112,16 @@ def plan(
         raise VolumeError(
             "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"
         )
-    settings = settings or PlannerSettings()
-    problem = Problem(robot, arms, q, body, volume, environment)
+    problem, objective = Problem(robot, arms, q, body, volume, environment), how.objective
     if isinstance(objective, str):
-        objective = make_objective(objective, settings.context(environment, volume, body))
-    planner = PlacementPlanner(problem, objective, settings, rng)
+        objective = make_objective(objective, how.settings.context(environment, volume, body))
+    planner = PlacementPlanner(problem, objective, how.settings, rng)
     if planner.unusable:
         _log.warning("left out: %s", listed(planner.unusable, "; "))
     if robot not in _warm:
         warm_up(robot, arms, q)
         _warm.append(robot)
-    return _search(planner, time_limit)
+    return _search(planner, how.time_limit)
 
 
 def _search(planner: PlacementPlanner, time_limit: float) -> Iterator[Placement]:

@@ -65,7 +65,7 @@ from placement_planner_ros.core.timing.trajectory_maker import (
     TimingSettings,
     TrajectoryMaker,
 )
-from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
+from placement_planner_ros.core.types import MAX_BOXES, Array, Goal, Placement, TargetVolume
 from placement_planner_ros.core.unseen_way import unseen_share
 from placement_planner_ros.core.wishes import checks
 from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
@@ -73,10 +73,8 @@ from placement_planner_ros.core.wishes.settings import TurnSettings, WishSetting
 _log = logging.getLogger(__name__)
 
 _EXPLAINED_SAMPLES = 2000
-"""Samples after which a search that has found nothing says why; again each time they doubled."""
-_UNPROVEN_SAMPLES = 600
-"""Samples that find something where that is easy, before it is looked for a proof that nothing is
-there."""
+"""Samples after which a search that has found nothing says why, again each time they doubled, and
+looks for a proof that nothing is there."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
 SupportRegionName = Literal["any", "largest"]
@@ -161,7 +159,7 @@ class PlannerSettings(Settings):
         unit="m",
         text="Minimum and maximum corner of a box in planning_frame that moving links, hand and "
         "object keep out of, with their margin; or those of several boxes, one after the other, up "
-        f"to {checks.MAX_KEEP_OUT_BOXES}. They carry nothing and do not count for clearance.",
+        f"to {MAX_BOXES}. They carry nothing and do not count for clearance.",
     )
     turns: TurnSettings = field(default_factory=TurnSettings)
     wishes: WishSettings = field(default_factory=WishSettings)
@@ -371,7 +369,7 @@ class PlacementPlanner:
                 self._narrow(best)
             if self.motion.goals == 0:
                 samples = self.statistics.samples
-                if best == -np.inf and samples >= _UNPROVEN_SAMPLES and self._remainder.empty():
+                if best == -np.inf and samples >= _EXPLAINED_SAMPLES and self._remainder.empty():
                     self.cause = self._remainder.cause
                     self.exhausted = self.explain().short
                 continue

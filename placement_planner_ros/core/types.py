@@ -6,6 +6,7 @@ Metres, radians, seconds. Arrays are float64, copied and made read-only at const
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from placement_planner_ros.core.errors import VolumeError
 
 Array = npt.NDArray[np.float64]
 
+FULL_TURN = 2.0 * math.pi
+"""rad."""
 MAX_BOXES = 64
 """Boxes that V is the union of, at most."""
 

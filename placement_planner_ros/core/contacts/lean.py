@@ -33,8 +33,8 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.walls import Wall
-from placement_planner_ros.core.search.hierarchy import FULL_TURN, Ranges
-from placement_planner_ros.core.types import LEVEL, Array, Contact, Resting, Slope
+from placement_planner_ros.core.search.hierarchy import Ranges
+from placement_planner_ros.core.types import FULL_TURN, LEVEL, Array, Contact, Resting, Slope
 
 ANY_ANGLE: Ranges = ((0.0, FULL_TURN / 256),)
 """The wall says how the object is turned: one short range that is not divided."""

@@ -16,7 +16,7 @@ _PLACE_DISTANCE_M = 0.018
 """m, the longest way from one place to another that counts."""
 _FALLOFF_M = 0.01
 """m, what is farther than the nearest by so much counts e times less ..."""
-_FALLOFF_END_M = 0.05
+_FALLOFF_END_M = 5.0 * _FALLOFF_M
 """m, ... and what is farther than it by so much does not count."""
 _PLAIN_SHARE = 0.5
 """Share of all places that must be left when they are added up, for their direction to be plain."""

@@ -19,16 +19,13 @@ from placement_planner_ros.core.objective.supporting_faces import (
     SupportingFaces,
     padded_rows,
 )
+from placement_planner_ros.core.scene.layers import LAYER_STEP_M
 from placement_planner_ros.core.types import Array, Slope
 
 Mask = npt.NDArray[np.bool_]
 
 _POSES_AT_ONCE = 256
 """Poses that are looked at together."""
-_SAME_HEIGHT_M = 1e-3
-"""m: contact planes share tables that are so far apart."""
-_STANDING_GAP_M = 0.003
-"""m that a surface may be above or below the contact plane to be what the object stands on."""
 ABOVE_CONTACT_M = 0.01
 """m above the contact plane, what stands beside the object begins to count."""
 
@@ -57,6 +54,7 @@ class Beside:
     def __init__(self, context: ObjectiveContext) -> None:
         self._standing = SupportingFaces(context)
         self._environment = context.environment
+        self._tolerance = context.contact_tolerance
         self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
         self._tables: dict[tuple[int, int], tuple[cKDTree | None, Array]] = {}
 
@@ -70,7 +68,7 @@ class Beside:
             at += part[:, :3, 3]
             slopes = self._standing.slopes[stood.slope]
             # Contact planes, by slope and by height in steps.
-            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / _SAME_HEIGHT_M)
+            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / LAYER_STEP_M)
             planes = np.column_stack([stood.slope, level]).astype(np.int64)
             for slope, height in sorted(set(map(tuple, planes.tolist()))):
                 tree, known = self._table(slope, height)
@@ -89,11 +87,11 @@ class Beside:
         """Places around a contact plane as a tree, and what is known of each.
 
         Args:
-            level: its height above x = y = 0, in units of `_SAME_HEIGHT_M`.
+            level: its height above x = y = 0, in units of `LAYER_STEP_M`.
         """
         key = slope, level
         if key not in self._tables:
-            places, known = self._places(self._slope(slope), level * _SAME_HEIGHT_M)
+            places, known = self._places(self._slope(slope), level * LAYER_STEP_M)
             self._tables[key] = (cKDTree(places) if len(places) else None), known
         return self._tables[key]
 
@@ -102,7 +100,7 @@ class Beside:
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
-        return self._environment.support_of(slope).ends(height, _STANDING_GAP_M)
+        return self._environment.support_of(slope).ends(height, self._tolerance)
 
 
 class Edge(Beside):

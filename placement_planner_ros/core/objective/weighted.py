@@ -50,8 +50,6 @@ _STEPS = np.array([1e-3, 1e-3, 5e-3])
 """m, m and rad of the differences that gradients are taken from."""
 _TERM_ROUNDING = 1e-9
 """By so much a required term may be too low."""
-_UNASKED_SCALES = 1e3
-"""Scales that an expensive term counts as too low by where it was not asked."""
 
 
 class PlugInTerm:
@@ -241,8 +239,7 @@ class Requirements:
 
     def lacking(self, T_world_object: Array) -> Array:
         """(n,) by how many of their scales all together are too low at poses (n, 4, 4); 0 where all
-        are reached. Dear ones are asked only where the others are; elsewhere they count as
-        `_UNASKED_SCALES`."""
+        are reached. Expensive ones are asked only where the others are."""
         total = np.zeros(len(T_world_object))
         for expensive in (False, True):
             # Terms are asked of poses that lack nothing so far.
@@ -250,8 +247,6 @@ class Requirements:
             terms = [
                 (term, least) for _, term, least in self.terms_asked if term.expensive == expensive
             ]
-            if expensive and terms:
-                total[total > 0.0] += _UNASKED_SCALES
             # By how many scales each is too low.
             for term, least in terms if len(rows) else ():
                 short = least - term.values(T_world_object[rows])

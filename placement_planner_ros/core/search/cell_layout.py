@@ -13,6 +13,8 @@ from placement_planner_ros.core.types import Array
 SET, X, Y, ANGLE = 0, 1, 3, 5
 CELL_COLUMNS = 7
 """Pose set, x min and max, y min and max, θ min and max."""
+MAX_CELLS = 100_000
+"""Cells that a search remembers."""
 LOWER, UPPER = [X, Y, ANGLE], [X + 1, Y + 1, ANGLE + 1]
 _PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 PARTS = len(_PARTS)

@@ -20,22 +20,13 @@ from placement_planner_ros.core.types import Array, Verdict
 NOT_FREE, COLLIDING, LACKING, VALUED = KIND_NUMBERS = range(4)
 """What the sample of a cell was: outside or unsupported; in collision; against a rule; free, so
 that its ξ is known."""
-KINDS = np.array(
-    [
-        NOT_FREE
-        if v <= Verdict.UNSTABLE
-        else COLLIDING
-        if v is Verdict.COLLIDING
-        else LACKING
-        if v is Verdict.BREAKS_RULE
-        else VALUED
-        for v in Verdict
-    ]
-)
+KINDS = np.full(len(Verdict), VALUED)
 """By verdict."""
+KINDS[: Verdict.COLLIDING] = NOT_FREE
+KINDS[Verdict.COLLIDING], KINDS[Verdict.BREAKS_RULE] = COLLIDING, LACKING
 TRY_COSTS = {
     Verdict.NO_IK: 5.0,
-    Verdict.ARM_COLLIDING: 6.0,
+    Verdict.ARM_COLLIDING: 15.0,
     Verdict.NO_RELEASE: 90.0,
     Verdict.NO_APPROACH: 100.0,
     Verdict.NO_RETREAT: 200.0,
@@ -96,6 +87,7 @@ class ImprovementModel:
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
         self._nodes = [_Node(-1) for _ in range(faces)]
+        self._outlooks: dict[int, tuple[float, float]] = {}  # as long as there is no further try
 
     @property
     def mean(self) -> float:
@@ -115,32 +107,31 @@ class ImprovementModel:
         self._nodes.append(_Node(above))
         return len(self._nodes) - 1
 
-    def outlook(self, node: int) -> tuple[float, float]:
+    def outlook(self, number: int) -> tuple[float, float]:
         """The chance that a try in a node reaches its pose, and the samples that it costs.
 
-        Both are means over its tries, those of the nodes above, and one that succeeds at the cost
-        of one that fails late.
+        Both are means over its tries, and over a few that go as those above it.
         """
-        chain = []
-        while node >= 0:
-            chain.append(self._nodes[node])
-            node = chain[-1].above
-        chance, cost = 0.5, TRY_COSTS[Verdict.NO_APPROACH]
-        for each in reversed(chain):
-            weight = _TRIES + each.tries
-            chance = (_TRIES * chance + each.reached) / weight
-            cost = (_TRIES * cost + each.spent) / weight
-        return chance, cost
+        known = self._outlooks.get(number)
+        if known is None:
+            chance, cost = 0.5, TRY_COSTS[Verdict.NO_APPROACH]
+            node = self._nodes[number]
+            if node.above >= 0:
+                chance, cost = self.outlook(node.above)
+            weight = _TRIES + node.tries
+            chance = (_TRIES * chance + node.reached) / weight
+            known = self._outlooks[number] = chance, (_TRIES * cost + node.spent) / weight
+        return known
 
     def outlooks(self, nodes: Array) -> tuple[Array, Array]:
         """(n,) chances and (n,) costs of nodes (n,)."""
-        each, where = np.unique(nodes.astype(np.int64), return_inverse=True)
-        found = np.array([self.outlook(node) for node in each.tolist()]).reshape(-1, 2)
-        return found[where, 0], found[where, 1]
+        found = np.array([self.outlook(int(node)) for node in nodes.tolist()]).reshape(-1, 2)
+        return found[:, 0], found[:, 1]
 
     def lose(self, node: int) -> None:
         """A goal there was not reached by any motion: it counts as a try that failed."""
         self._nodes[node].reached = max(self._nodes[node].reached - 1.0, 0.0)
+        self._outlooks.clear()
 
     def learn(self, state: Array, verdicts: Index, values: Array, best: float) -> Array:
         """(n, 6) what is known of cells after their samples.
@@ -181,6 +172,7 @@ class ImprovementModel:
 
     def _count_try(self, number: int, verdict: Verdict) -> None:
         weight = 1.0
+        self._outlooks.clear()
         while number >= 0:
             node = self._nodes[number]
             node.tries += weight

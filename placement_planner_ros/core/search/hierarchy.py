@@ -7,7 +7,6 @@ intervals of the angle.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,9 +15,7 @@ import numpy as np
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import PoseSets
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
-
-FULL_TURN = 2.0 * math.pi
+from placement_planner_ros.core.types import FULL_TURN, Array
 
 Ranges = Sequence[tuple[float, float]]
 """Intervals of θ, each at most a full turn long, that share no turn."""

@@ -18,6 +18,7 @@ import numpy as np
 from placement_planner_ros.core.search.cell_layout import (
     CELL_COLUMNS,
     LOWER,
+    MAX_CELLS,
     PARTS,
     SET,
     UPPER,
@@ -53,8 +54,6 @@ _AT_ONCE = 12
 """Cells split in a round, so that their parts are checked together."""
 _PATIENCE = 2000
 """Samples over which a goal may wait for its motion."""
-_MAX_CELLS = 100_000
-"""Cells that are remembered; beyond, the half that promises less is forgotten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,8 +259,9 @@ class _Cells:
         self._count = end
         for entry in self._entries(first):
             heapq.heappush(self._heap, entry)
-        if len(self._heap) > _MAX_CELLS:
-            self._heap = heapq.nsmallest(_MAX_CELLS // 2, self._heap)
+        if len(self._heap) > MAX_CELLS:
+            # the half that promises less is forgotten
+            self._heap = heapq.nsmallest(MAX_CELLS // 2, self._heap)
             self.rank(best)
 
     def rank(self, best: float) -> None:
@@ -288,6 +288,7 @@ class _Cells:
     def _entries(self, first: int, end: int | None = None) -> Iterator[tuple[float, int]]:
         """Of rows, for the heap: what is expected of a sample and the tries that it leads to."""
         rows = self._rows[first : self._count if end is None else end]
-        chances, costs = self._model.outlooks(rows[:, CELL_COLUMNS + NODE])
-        rates = rows[:, -2] * chances / (1.0 + rows[:, -1] * costs)
-        return zip((-rates).tolist(), range(first, first + len(rows)), strict=True)
+        columns = rows[:, [-2, -1, CELL_COLUMNS + NODE]].tolist()
+        for row, (gain, tried, node) in enumerate(columns, first):
+            chance, cost = self._model.outlook(int(node))
+            yield -gain * chance / (1.0 + tried * cost), row

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
     ANGLE,
+    MAX_CELLS,
     bisected_cells,
     contact_areas,
 )
@@ -24,8 +25,6 @@ _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
 _PARTS_PER_SAMPLE = 0.1
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
-_MAX_CELLS = 100_000
-"""Cells that are kept at most; then none is taken apart until some can be dropped."""
 
 
 class Ruling(enum.IntEnum):
@@ -134,7 +133,7 @@ class Remainder:
             self._open = [each for each in self._open if -each[0] > least]
             heapq.heapify(self._open)
         budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
-        while self._open and self._judged < budget and len(self._open) < _MAX_CELLS:
+        while self._open and self._judged < budget and len(self._open) < MAX_CELLS:
             cells, most = self._taken_apart()
             if len(cells):
                 most = np.minimum(most, self._bounds.most(cells))

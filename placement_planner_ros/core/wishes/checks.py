@@ -10,9 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import MAX_BOXES
 
-MAX_KEEP_OUT_BOXES = 64
-"""Boxes to keep out of, at most."""
 _UNIT_LENGTH_TOLERANCE = 1e-2
 """How far a quaternion's length may be from 1."""
 _LEAST_COORDINATE, _GREATEST_COORDINATE = 1e-6, 1e6
@@ -53,8 +52,8 @@ def check_boxes(name: str, value: Sequence[float]) -> None:
     """Minimum and maximum corners of boxes, six numbers each, or nothing."""
     if len(value) % 6:
         raise ParameterError(name, list(value), f"give six numbers per box, not {len(value)}")
-    if len(value) > 6 * MAX_KEEP_OUT_BOXES:
-        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_KEEP_OUT_BOXES} at most")
+    if len(value) > 6 * MAX_BOXES:
+        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_BOXES} at most")
     for number, box in enumerate(np.array(value, dtype=np.float64).reshape(-1, 6)):
         if not (np.isfinite(box).all() and (box[3:] > box[:3]).all()):
             raise ParameterError(

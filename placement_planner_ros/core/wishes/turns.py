@@ -15,16 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
-from placement_planner_ros.core.types import Array, Slope, upright
+from placement_planner_ros.core.types import FULL_TURN, Array, Slope, upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
-FULL_TURN = 2.0 * math.pi
 VERTICAL = math.radians(5.0)
 """Nearer than this to the vertical a direction faces nowhere."""
 _ANGLE_ROUNDING_RAD = 1e-6
 """rad that a tolerance is exceeded by at most, so that 0 can be kept; arms are less exact."""
-_SAMPLED_TURNS = 360
-"""Turns that are looked at to say how far an object leans."""
 
 Ranges = tuple[tuple[float, float], ...]
 """Intervals of θ, each from [0, 2π) on and at most a full turn long, that share no turn."""
@@ -78,9 +75,10 @@ class Turns:
 
     def least_lean(self, face: int, slope: Slope) -> float:
         """rad that `up` leans at least with the object on that face and a plane of that slope."""
-        angles = np.linspace(0.0, FULL_TURN, _SAMPLED_TURNS, endpoint=False)
-        turned = upright(slope) @ _about_z(angles) @ self._to_face[face]
-        return float(self.leans(turned).min())
+        if self._up is None:
+            return 0.0
+        _, _, up = _turned_coordinates(upright(slope), self._to_face[face] @ self._up)
+        return math.acos(min(float(up[0] + math.hypot(up[1], up[2])), 1.0))
 
     def _ranges(self, face: int, slope: Slope) -> Ranges:
         """The angles θ at which an object on that face and a plane of that slope keeps the rules;

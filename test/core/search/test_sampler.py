@@ -17,7 +17,6 @@ from placement_planner_ros.core.search.cell_layout import (
 )
 from placement_planner_ros.core.search.expected_improvement import DEPTH, ImprovementModel
 from placement_planner_ros.core.search.hierarchy import (
-    FULL_TURN,
     AfrHierarchy,
     AfrNode,
     HierarchySettings,
@@ -31,7 +30,7 @@ from placement_planner_ros.core.search.optimistic import (
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
-from placement_planner_ros.core.types import Goal, Verdict
+from placement_planner_ros.core.types import FULL_TURN, Goal, Verdict
 
 
 def never() -> bool:
