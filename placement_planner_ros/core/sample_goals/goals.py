@@ -89,7 +89,7 @@ class GoalFinder:
             verdicts[free] = Verdict.NOT_BETTER
         # Those that would be better are to be reached, one at a time.
         found: list[Goal] = []
-        for row in free[values[free] > np.maximum(best, draws.worth[free])]:
+        for row in free[values[free] > best]:
             if should_stop():
                 return Outcome(verdicts[:row], values[:row], found)
             wanted = Wanted(_contact_of(draws, int(row)), pin.SE3(T[row]), float(values[row]))

@@ -30,10 +30,10 @@ TRY_COSTS = {
     Verdict.NO_RELEASE: 90.0,
     Verdict.NO_APPROACH: 100.0,
     Verdict.NO_RETREAT: 200.0,
-    Verdict.FEASIBLE: 1500.0,
+    Verdict.FEASIBLE: 100.0,
 }
 """Samples whose checks take as long as a try to reach a pose with all arms and grasps, by how it
-ends; that of a goal with its motion, its optimisation and its timing. Medians of four cases."""
+ends: medians of four cases."""
 
 DEPTH, KIND, VALUE, SCALE, NODE, LACK = range(6)
 STATE = 6
@@ -114,7 +114,7 @@ class ImprovementModel:
         """
         known = self._outlooks.get(number)
         if known is None:
-            chance, cost = 0.5, TRY_COSTS[Verdict.NO_APPROACH]
+            chance, cost = 0.5, TRY_COSTS[Verdict.NO_IK]
             node = self._nodes[number]
             if node.above >= 0:
                 chance, cost = self.outlook(node.above)
@@ -122,11 +122,6 @@ class ImprovementModel:
             chance = (_TRIES * chance + node.reached) / weight
             known = self._outlooks[number] = chance, (_TRIES * cost + node.spent) / weight
         return known
-
-    def outlooks(self, nodes: Array) -> tuple[Array, Array]:
-        """(n,) chances and (n,) costs of nodes (n,)."""
-        found = np.array([self.outlook(int(node)) for node in nodes.tolist()]).reshape(-1, 2)
-        return found[:, 0], found[:, 1]
 
     def lose(self, node: int) -> None:
         """A goal there was not reached by any motion: it counts as a try that failed."""

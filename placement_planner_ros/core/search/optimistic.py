@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -110,7 +110,6 @@ class OptimisticSampler(BatchSampler):
         # goals that wait for their motion: ξ, and at how many samples they were found in which node
         self._waiting: list[tuple[float, int, int]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
-        self._rate = 0.0  # what a sample in the best cell that is left adds to that
         self._ranked_at = 0  # samples by which they are
         # what is left of the round: cells with what is known of them, and (x, y, θ) drawn from them
         self._cells = np.empty((0, CELL_COLUMNS))
@@ -121,12 +120,7 @@ class OptimisticSampler(BatchSampler):
         """The next poses of the round, at most so many; of a new round where it is over."""
         if len(self._cells) == 0:
             self._begin_round(self.count.samples >= self._settings.uniform_first, best)
-        draws = self._sets.draws(sets_of(self._cells[:most]), self._poses[:most])
-        if best == -np.inf:
-            return draws
-        # A try is worth what it adds elsewhere.
-        chances, costs = self._model.outlooks(self._state[:most, NODE])
-        return replace(draws, worth=self._ranked_for + self._rate * costs / chances)
+        return self._sets.draws(sets_of(self._cells[:most]), self._poses[:most])
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was; the rest of the round is drawn from next."""
@@ -136,7 +130,7 @@ class OptimisticSampler(BatchSampler):
             self._state[:tried], outcome.verdicts, outcome.values, max(best, self._ranked_for)
         )
         # A cell too small to be split is split nevertheless if what is better there is not reached.
-        missed = (outcome.values > best) & (outcome.verdicts < Verdict.FEASIBLE)
+        missed = (outcome.verdicts > Verdict.NOT_BETTER) & (outcome.verdicts < Verdict.FEASIBLE)
         kept = (contact_areas(cells) > self._min_area) | missed
         self._filed.add(cells[kept], state[kept], self._ranked_for)
         for row in np.flatnonzero(outcome.verdicts == Verdict.FEASIBLE).tolist():
@@ -215,7 +209,6 @@ class OptimisticSampler(BatchSampler):
                 state[NODE] = self._model.add_node(int(state[NODE]))
             cells.append(cell)
             states.append(state)
-        self._rate = self._filed.rate
         return np.array(cells).reshape(-1, CELL_COLUMNS), np.array(states).reshape(-1, STATE)
 
     def _aim(self, best: float) -> float:
@@ -242,11 +235,6 @@ class _Cells:
         self._rows = np.empty((0, CELL_COLUMNS + STATE + 2))
         self._count = 0
         self._heap: list[tuple[float, int]] = []  # by what a sample adds, negative
-
-    @property
-    def rate(self) -> float:
-        """What a sample in the first one is expected to add to ξ_best; 0 without any."""
-        return -self._heap[0][0] if self._heap else 0.0
 
     def add(self, cells: Array, state: Array, best: float) -> None:
         """File cells (n, 7) with what is known of them (n, 6)."""

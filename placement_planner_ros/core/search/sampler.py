@@ -38,7 +38,6 @@ class Draws:
     Attributes:
         contact: (n, 3).
         slope: (n, 2) of the plane through it that the object stands on; level unless given.
-        worth: (n,) ξ from which on it is tried whether a pose is reached; any unless given.
     """
 
     arm: Index
@@ -47,11 +46,8 @@ class Draws:
     contact: Array
     angle: Array
     slope: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    worth: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        if len(self.worth) == 0:
-            object.__setattr__(self, "worth", np.full(len(self.face), -np.inf))
         if len(self.slope) == 0:
             object.__setattr__(self, "slope", np.zeros((len(self.face), 2)))
 

@@ -250,7 +250,7 @@ def test_what_tries_cost_is_learned_where_they_are_made():
     cheap, dear = nodes = [model.add_node(0) for _ in range(2)]
     for verdict, node in [(Verdict.NO_IK, cheap), (Verdict.NO_RETREAT, dear)] * 50:
         model.learn(model.coarse([node]), np.array([verdict]), np.ones(1), 0.0)
-    chances, costs = model.outlooks(np.array(nodes))
+    chances, costs = zip(*map(model.outlook, nodes), strict=True)
     assert chances[0] == pytest.approx(chances[1], rel=0.2)
     assert costs[0] < 0.1 * costs[1]
     cells, state = np.zeros((2, CELL_COLUMNS)), model.coarse([dear, cheap])
@@ -258,14 +258,6 @@ def test_what_tries_cost_is_learned_where_they_are_made():
     filed = _Cells(model)
     filed.add(cells, state, 0.5)
     assert filed.take()[0][SET] == 0
-
-
-def test_a_hair_better_is_not_tried_where_other_places_promise_more():
-    made, _ = sampler(OptimisticSampler, samples_per_call=100, uniform_first=100)
-    made._rate, made._ranked_for = 1e-3, 0.5
-    worth = made._draw(16, 0.5).worth
-    assert (worth > 0.51).all()
-    assert (made._draw(16, -np.inf).worth == -np.inf).all()
 
 
 def test_what_promises_more_than_it_gives_is_believed_less():
