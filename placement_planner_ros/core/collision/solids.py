@@ -97,7 +97,7 @@ class SolidRows:
             )
             for convex, tree in zip(shape.sets, trees, strict=True)
         ]
-        joined = cls.joined(rows)
+        joined = rows[0] if len(rows) == 1 else cls.joined(rows)
         if shape.mesh is None:
             return joined
         return replace(joined, meshes=(shape.mesh,), mesh_frames=np.eye(4)[None])
