@@ -245,6 +245,6 @@ def _measured_pose(value: object) -> pin.SE3:
         ParameterError: it is none.
     """
     numbers = POSE.convert(value)
-    if not numbers:
+    if not isinstance(numbers, list) or not numbers:
         raise ParameterError("pose", value, f"give {POSE.meaning.text}")
-    return poses_from_list("pose", numbers)[0]
+    return poses_from_list("pose", [float(number) for number in numbers])[0]

@@ -611,7 +611,7 @@ def test_certified_edges_are_free_at_dense_samples(request, robot, length):
     checker, oracle, arm = ArmCollision(*setup), ExactCollision(*setup), setup[0].arm
     rng = np.random.default_rng(6)
     Q = rng.uniform(arm.lower, arm.upper, (200, arm.dof))
-    A = np.array([q for q in Q if oracle.free(q, beyond=-1e-5)][:24])
+    A = np.array([q for q in Q if oracle.free(q)][:24])
     B = A + rng.normal(size=A.shape) * length / np.sqrt(arm.dof)
     certified = np.array([checker.edge_free(a, b) for a, b in zip(A, B, strict=True)])
     sampled = np.array(
@@ -627,7 +627,7 @@ def test_strayed_motions_of_certified_edges_are_free(yumi):
     checker, oracle, arm = ArmCollision(*setup), ExactCollision(*setup), setup[0].arm
     rng = np.random.default_rng(9)
     Q = setup[0].q + rng.normal(size=(200, arm.dof)) * 0.3
-    A = np.array([q for q in Q if oracle.free(q, beyond=-1e-5)][:20])
+    A = np.array([q for q in Q if oracle.free(q)][:20])
     B = A + rng.normal(size=A.shape) * 0.1
     deviation = np.full(arm.dof, 0.01)
     certified = 0
