@@ -73,8 +73,7 @@ from placement_planner_ros.core.wishes.settings import TurnSettings, WishSetting
 _log = logging.getLogger(__name__)
 
 _EXPLAINED_SAMPLES = 2000
-"""Samples after which a search that has found nothing says why, again each time they doubled, and
-looks for a proof that nothing is there."""
+"""Samples after which a search that has found nothing says why; again each time they doubled."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
 SupportRegionName = Literal["any", "largest"]
@@ -368,8 +367,7 @@ class PlacementPlanner:
             if best > -np.inf:
                 self._narrow(best)
             if self.motion.goals == 0:
-                samples = self.statistics.samples
-                if best == -np.inf and samples >= _EXPLAINED_SAMPLES and self._remainder.empty():
+                if best == -np.inf and self._remainder.empty():
                     self.cause = self._remainder.cause
                     self.exhausted = self.explain().short
                 continue
