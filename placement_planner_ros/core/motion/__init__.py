@@ -1,5 +1,4 @@
 """Paths through any space; it knows nothing of robots, only whether an edge is free.
 
-`birrt` is the bidirectional RRT towards a growing set of goals, `shortcut` shortens what it finds,
-`benchmarks.motion.ompl_planner` offers it as a planner of OMPL.
+`birrt` is the bidirectional RRT towards a growing set of goals, `shortcut` shortens what it finds.
 """
