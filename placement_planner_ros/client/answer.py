@@ -33,6 +33,7 @@ class Answer:
         """Of a response to `Trigger` or `SetParametersAtomically`: a first line such as
         `code=OK run=17` and words after it.
         """
+        # SetParametersAtomically has its words in a result, Trigger has them itself
         if hasattr(response, "result"):
             success, text = response.result.successful, response.result.reason
         else:

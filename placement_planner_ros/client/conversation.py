@@ -57,6 +57,7 @@ class Conversation:
     """
 
     def __init__(self, node: Node, planner: str) -> None:
+        # answers must come through while another callback of the client waits
         group = ReentrantCallbackGroup()
         self.news = News()
         self.hearing = Subscriptions(node, planner, group, self.news)
@@ -104,6 +105,7 @@ class Conversation:
     def settle(self) -> None:
         """Wait until nothing is under way and the runs that were left are known to be stopped."""
 
+        # a node that is gone answers no stop, so it is not waited for
         def settled() -> bool | None:
             return not (self._under_way or (self._left and self.offered("stop_with"))) or None
 
@@ -145,6 +147,7 @@ class Conversation:
             end: until when the node is waited for where it is not there.
         """
         self.require_open()
+        # a node that has just been started may offer its services in a moment
         end = time.monotonic() + ANSWER_WITHIN if end is None else end
         if self.news.wait_until(lambda: self.offered(name) or None, end) is None:
             raise self.no_node(name)
@@ -179,6 +182,7 @@ class Conversation:
         if parameters:
             request.parameters = [parameter_message(*pair) for pair in parameters.items()]
         future = self._clients[name].call_async(request)
+        # the thread that spins takes the answer, and wakes whoever waits for it
         future.add_done_callback(self.news.tell)
         return future
 
@@ -207,12 +211,14 @@ class Conversation:
             stopped.set_result(True)
             self.news.tell()
 
+        # counted before the callback is added, which counts it down again
         self._left += 1
         started.add_done_callback(stop)
         self._await_stop(stopped)
 
     def _await_stop(self, stopped: Future) -> None:
         self.news.wait_until(
+            # where the node is gone nothing is left to stop
             lambda: stopped.done() or not self.offered("stop_with") or None,
             time.monotonic() + ANSWER_WITHIN,
         )
@@ -256,6 +262,7 @@ def parameter_message(name: str, value: Any) -> ParameterMessage:
     plain = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(plain, Sequence) and not isinstance(plain, str | bytes):
         plain = [each.item() if hasattr(each, "item") else each for each in plain]
+        # ROS has no list of integers and other numbers
         if {type(each) for each in plain} == {int, float}:
             plain = [float(each) for each in plain]
     try:

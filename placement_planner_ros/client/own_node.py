@@ -43,6 +43,7 @@ class OwnNode:
 
     def close(self) -> None:
         """Spin no more."""
+        # in this order: nobody may spin a node that is being destroyed
         self._asked.set()
         self._thread.join()
         self._executor.shutdown()

@@ -103,6 +103,7 @@ class PlacementClient:
         found = talk.news.wait_until(ready, time.monotonic() + seconds)
         if found is not None:
             return found
+        # in time it was not: no node, one that says nothing, or one that is not ready
         if not talk.offered("start_with"):
             raise talk.no_node("start_with")
         if self.status is None:
@@ -141,7 +142,9 @@ class PlacementClient:
         if isinstance(deadline, str | bool) or not deadline >= 0.0:
             remedy = "give seconds from now on, or math.inf for none"
             raise ValueError(f"deadline = {deadline!r}: {remedy}")
+        # withdrawals count from here, so that one that comes at once is heeded
         end, withdrawals = time.monotonic() + deadline, self._talk.withdrawals
+        # to the node 0 is no limit
         limit = deadline if math.isfinite(deadline) else 0.0
         given = {"time_limit": limit, **(parameters or {})}
         with self._talk.under_way():
@@ -150,11 +153,13 @@ class PlacementClient:
                 try:
                     self._search(run, end, until, withdrawals)
                 except BaseException:
+                    # whatever is raised, by the caller too, must not leave the run going
                     self._talk.leave(run)
                     raise
                 try:
                     return self.stop(run)
                 except PlacementError as error:
+                    # else planning begins again from where the robot then rests
                     if error.code != "ROBOT_MOVED" or time.monotonic() >= end:
                         raise
 
@@ -183,6 +188,7 @@ class PlacementClient:
         answer = talk.ask("stop_with", {"run": run})
         if answer.code not in ("OK", "NOT_RUNNING", "STOPPING"):
             raise answer.error
+        # the worker does not end in time, so its status goes no further than that
         hanging = answer.code == "STOPPING"
 
         def ended() -> Status | None:
@@ -192,6 +198,7 @@ class PlacementClient:
             return status if status.ended or (hanging and status.state == STOPPING) else None
 
         status = talk.hear(ended, f"how run {run} ended is not known")
+        # what was found begins where the robot is no more
         if status.state == ROBOT_MOVED:
             raise PlacementError("ROBOT_MOVED", answer.words, run)
         if status.solutions == 0:
@@ -222,6 +229,7 @@ class PlacementClient:
             if pose is not None:
                 raise ValueError("pose: say which solution stands there, too")
             return self._command("confirm_placed", {}).run or 0
+        # with its run, so that no solution of another run with the same number is meant
         given: dict[str, Value] = {"run": solution.run, "solution": solution.number}
         if isinstance(pose, Pose):
             p, q = pose.position, pose.orientation
@@ -262,6 +270,7 @@ class PlacementClient:
         if self._closed:
             return
         self._closed = True
+        # whoever waits in `place` leaves first, and stops its run
         self.withdraw()
         self._talk.settle()
         self._talk.close()
@@ -284,6 +293,7 @@ class PlacementClient:
         """Wait until the run has ended, or has found enough, or the time has come."""
         talk, told, heard_of, gone_since = self._talk, 0, False, math.inf
         while True:
+            # before the look, so that nothing that comes during it is slept over
             count = talk.news.count
             talk.heed(withdrawals, run)
             best = self.hearing.newest(run)
@@ -299,6 +309,7 @@ class PlacementClient:
                 return  # or the node's last run is another by now, which stop will say
             if now >= end:
                 return
+            # the node counts as gone once its services have been missing for a while
             gone_since = math.inf if talk.offered("stop_with") else min(gone_since, now)
             if now >= gone_since + GONE_AFTER:
                 raise talk.no_node("stop_with", run)

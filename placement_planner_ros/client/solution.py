@@ -71,6 +71,7 @@ def solution_of(
     """A solution from the manifest, `~/solution`, and the parts with the same key."""
     (status,) = manifest.status
     values = {pair.key: pair.value for pair in status.values}
+    # the manifest has each term as `term.<name>`
     terms = {
         name.removeprefix(_TERM): float(value)
         for name, value in values.items()

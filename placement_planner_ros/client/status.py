@@ -58,6 +58,7 @@ class Status:
         """Of a message."""
         values = {pair.key: pair.value for pair in message.values}
         valid = values.get("best_valid") == "true"
+        # without a reason the solution would pass for valid
         reason = "" if valid else values.get("best_invalid_reason") or "the node does not say why"
         return cls(
             int(values.get("run", 0)),
@@ -83,6 +84,7 @@ class Status:
     def lacking(self) -> str:
         """What the node waits for or works on before it can begin a run, in words."""
         values, lacking = self.values, []
+        # where warming up has failed runs begin all the same
         if values.get("warm") not in ("true", "failed"):
             lacking.append(values.get("warm_progress") or "loading kernels")
         for what in ("robot", "object"):

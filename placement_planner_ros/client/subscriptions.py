@@ -54,6 +54,7 @@ class Subscriptions:
                 kind, f"{planner}/{topic}", take, _EVERY, callback_group=group
             )
 
+        # a function for each topic, as a variable of the loop would be the last one for all
         def keep(topic: str) -> Callable[[Any], None]:
             return lambda message: self._keep(topic, message)
 
@@ -85,6 +86,7 @@ class Subscriptions:
     def validity(self, run: int, number: int) -> Validity:
         """Whether that solution can still be carried out, by the newest status."""
         status = self._status
+        # the status may lag behind the solution
         if status is None or (status.run, status.solutions) < (run, number):
             return Validity("the node has not said yet whether it holds", known=False)
         if (status.run, status.solutions) != (run, number):
@@ -116,10 +118,12 @@ class Subscriptions:
             if key[1] == 0:  # it withdraws those of the run before
                 return
         else:
+            # trajectories carry the key as their frame, a pose has the stamp of its manifest
             key = _stamp_of(message) if topic == "placement_pose" else message.header.frame_id
         kept = self._parts[topic]
         with self._lock:
             kept[key] = message
+            # a dict keeps the order in which keys came, so the first is the oldest
             while len(kept) > KEPT:
                 del kept[next(iter(kept))]
         self._news.tell()

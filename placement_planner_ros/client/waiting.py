@@ -35,6 +35,7 @@ class News:
     def wait_until(self, what: Callable[[], T | None], end: float) -> T | None:
         """What is there, once it is; None where that time has come before."""
         while True:
+            # before the look, so that nothing heard during it is missed
             count = self.count
             if (found := what()) is not None or time.monotonic() >= end:
                 return found

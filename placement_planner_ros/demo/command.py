@@ -193,6 +193,7 @@ def _begin_ros(namespace: str) -> None:
     Raises:
         DemoError: it cannot be.
     """
+    # before ROS is initialised; the processes begun later inherit it
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"]
     try:

@@ -101,6 +101,7 @@ def _free_port() -> int:
     """The usual one, or any where that is taken."""
     for port in (PORT, 0):
         with socket.socket() as probe, contextlib.suppress(OSError):
+            # a port that was in use until a moment ago counts as free
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((_HOST, port))
             return int(probe.getsockname()[1])
@@ -123,6 +124,7 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
     try:
         yield process
     finally:
+        # as Ctrl-C would, so that the program ends its work in order
         process.send_signal(signal.SIGINT)
         try:
             with contextlib.suppress(subprocess.TimeoutExpired):

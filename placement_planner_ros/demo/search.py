@@ -67,6 +67,7 @@ def search(
         DemoError: start was refused, nothing was found, or the node does not answer.
     """
     try:
+        # without a limit: how long it goes on is decided here, from the first placement on
         run = planner.start({"time_limit": 0.0}, patience=FIRST_WITHIN_S)
     except PlacementError as error:
         check()
@@ -120,6 +121,7 @@ def _new_solutions(planner: PlacementClient, run: int, found: list[Solution]) ->
     newest = planner.improvement(run)
     if newest is None:
         return []
+    # those before the newest that have come since the last look
     last = found[-1].number if found else 0
     between = (planner.improvement(run, number) for number in range(last + 1, newest.number))
     return [*(each for each in between if each is not None), newest]
@@ -127,6 +129,7 @@ def _new_solutions(planner: PlacementClient, run: int, found: list[Solution]) ->
 
 def _take_solution(found: list[Solution], solution: Solution, line: ProgressLine) -> None:
     """Keep and print a solution that is news."""
+    # the best that stop returns is mostly known already
     if found and found[-1].number >= solution.number:
         return
     found.append(solution)

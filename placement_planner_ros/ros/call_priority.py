@@ -33,6 +33,7 @@ class CallPriority:
         finally:
             with self._lock:
                 self._open -= 1
+                # the last answer given lets waiting work go on
                 if not self._open:
                     self._none.set()
 

@@ -42,6 +42,7 @@ def _when_idle(
     """A command that needs an idle planner: refused while a run is active, one at a time."""
 
     def act(self: Commands, *given: Given.args, **named: Given.kwargs) -> ServiceAnswer:
+        # one command at a time, so that no other begins between the look and the action
         with self._lock:
             return self._busy() or command(self, *given, **named)
 
@@ -103,6 +104,7 @@ class Commands:
         notes = start_notes(snapshot, self._environment_of(snapshot))
         self._number += 1
         run = Run(self._number, snapshot, self._prepare, self._reporter, self._warm)
+        # known before it begins, so that a stop that comes at once finds it
         self.run = run
 
         def begin() -> bool:
@@ -121,6 +123,7 @@ class Commands:
 
     def stop(self) -> ServiceAnswer:
         """End the run; answers once its worker is idle."""
+        # without the lock: a stop may come while another command is still being carried out
         if self.run is None:
             return answer("NOT_RUNNING", "no run was started", success=True)
         return _stop_run(self.run)
@@ -144,9 +147,11 @@ class Commands:
         values = _values(parameters, ("run", "solution"), ("pose",))
         solution = values["solution"]
         pose = _measured_pose(values["pose"]) if "pose" in values else None
+        # the placements of the last run are the only ones that are kept
         run = self._run_asked_for(values["run"])
         if isinstance(run, ServiceAnswer):
             return run
+        # each one that was published may have been carried out, not only the best
         if solution not in run.poses:
             known = f"{min(run.poses)} to {run.solutions}" if run.poses else "none"
             raise ParameterError("solution", solution, f"run {run.number} has {known}")
@@ -156,6 +161,7 @@ class Commands:
     def remove_placed(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """What a run placed has been taken away."""
         wanted = _values(parameters, ("run",))["run"]
+        # accumulated points of the object go with it, as near to it as the self-filter pads
         padding = self._parameters.current["self_filter.padding"]
         if not self._inputs.remove(wanted, padding):
             placed = listed([str(n) for n in self._inputs.known.placed]) or "none"
@@ -207,11 +213,14 @@ class Commands:
 
 
 def _stop_run(run: Run) -> ServiceAnswer:
+    # told before the run is ended, which changes it
     code = "OK" if run.active else "NOT_RUNNING"
     run.end(State.STOPPED)
+    # the worker looks for the stop between its steps, of which one may take a while
     if not run.wait(STOP_PATIENCE_S):
         words = f"the worker has not ended within {STOP_PATIENCE_S:g} s; it publishes nothing more"
         return answer("STOPPING", words, run=run.number)
+    # read once the worker is idle, so that no solution comes after the answer
     values: dict[str, object] = {"run": run.number, "solution": run.solutions}
     if run.best is not None:
         values["objective"] = float(run.best.objective)
@@ -228,10 +237,12 @@ def _values(
         ParameterError: something is missing, is none, or nobody knows it.
     """
     values = {p.name: p.value for p in parameters}
+    # a name that nobody knows may be an optional one misspelt
     for name in values:
         if name not in (*needed, *optional):
             known = ", ".join((*needed, *optional))
             raise ParameterError(name, values[name], f"give {known} and nothing else")
+    # the type itself is asked for, as to Python a bool is an integer
     for name in needed:
         if type(values.get(name)) is not int:
             raise ParameterError(name, values.get(name), f"give an integer parameter {name}")

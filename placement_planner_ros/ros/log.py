@@ -66,14 +66,18 @@ class Log:
         """
         with self._lock:
             now = self._clock()
+            # the words of this kind that were said last, when that was, and when any came last
             said, said_at, heard_at = self._kinds.get(kind, ("", -inf, -inf))
+            # other words are held back for a period, the same ones until there was a pause
             news = now - said_at >= PERIOD_S and (words != said or now - heard_at >= pause)
             self._kinds[kind] = (words, now, now) if news else (said, said_at, now)
+        # outside of the lock, as whoever writes the line may take a while
         if news:
             self.warn(f"{kind}: {words}")
 
     def fault(self, kind: str, error: BaseException) -> None:
         """A fault of the node's own: its traceback is said the first time that it happens there."""
+        # known again by where it comes from, as its words may be others each time
         where = tuple(_frames(error))
         with self._lock:
             known = where in self._faults

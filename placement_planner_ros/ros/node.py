@@ -77,7 +77,9 @@ class PlacementPlannerNode(ParameterNode):
     ) -> None:
         super().__init__("placement_planner", overrides)
         self._log = Log(self.get_logger())
+        # trouble with what is kept on disk is said here, and ends nothing
         TROUBLES.listen(self._log.failure)
+        # parameters first, as everything else is made of them
         self._settings = ParameterServer(self)
         for name, words in self._settings.without_effect().items():
             self._log.warn(f"parameter without effect: {name}: {words}")
@@ -104,6 +106,7 @@ class PlacementPlannerNode(ParameterNode):
             self._reporter,
             self._warm,
         )
+        # made last, as what it receives may end a run, which the commands know
         self._reception = Reception(
             self,
             self._inputs,
@@ -116,6 +119,7 @@ class PlacementPlannerNode(ParameterNode):
         for each in (self._inputs.robot, self._inputs.object):
             _wait_for(each, asked or self._closed)
         serve(self, self._commands)
+        # after all services are there, rclpy's own among them, as each is wrapped
         answer_always(self, self._log)
         self._log.event("ready: start and the other services are offered")
 
@@ -125,6 +129,7 @@ class PlacementPlannerNode(ParameterNode):
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
         left = "" if run is None else self._reporter.left_start(run)
+        # a motion that begins at q_0 is worth nothing once the robot is elsewhere
         if run is not None and left:
             run.end(State.ROBOT_MOVED, left)
 
@@ -147,13 +152,16 @@ class PlacementPlannerNode(ParameterNode):
         Where robot and arms do not do for that, once others are given.
         """
         while not self._closed.is_set():
+            # read before the attempt, so that what comes meanwhile leads to another one
             given = self._movable()
             unfit = survive(self._warm_up, self._warming_failed)
+            # also where it failed: from now on runs compile what they lack
             if not self._warm.is_set():
                 self._warm.set()
                 self._preparation.start()
             if not unfit:
                 return
+            # another robot, or other parameters, must come before another attempt is worth it
             while self._movable() == given and not self._closed.wait(LOOK_S):
                 pass
 
@@ -172,12 +180,14 @@ class PlacementPlannerNode(ParameterNode):
             self._warm.failure = str(error)
             self._log.repeats("no search is possible yet", str(error))
             return True
+        # an attempt with another robot may have failed before
         self._warm.failure = ""
         seconds = time.monotonic() - began
         self._log.event(f"warm: what a search needs is loaded after {seconds:.1f} s")
         return False
 
     def _load(self) -> None:
+        # kernels need no robot, so they are compiled while its description is read
         self._compile()
         self._inputs.robot.wait()
         robot = self._inputs.robot.robot
@@ -192,6 +202,7 @@ class PlacementPlannerNode(ParameterNode):
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()
         warm_up(robot, arms, q)
+        # not for ever: a run that is started waits for what is left of it
         first.join(START_UP_PATIENCE_S)
 
     def _prepare_first(self) -> None:
@@ -213,6 +224,7 @@ class PlacementPlannerNode(ParameterNode):
             self.get_logger().info(words, throttle_duration_sec=10.0)
 
         try:
+            # compiling may take minutes, and the node may be told to end meanwhile
             with stoppable(self._closed.is_set):
                 compile_kernels(told)
         except CompilationError as error:
@@ -230,6 +242,7 @@ class PlacementPlannerNode(ParameterNode):
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
+        # in this order: nothing new begins, the run ends, then nobody publishes any more
         self._closed.set()
         for reading in self._inputs.readings:
             reading.close()
@@ -248,8 +261,10 @@ def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     faulthandler.enable()  # a crash in compiled code says what each thread was doing
+    # before any thread begins, as those that have begun keep their heaps
     share_heaps()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # before ROS is initialised, which here brings no handlers of its own
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
@@ -263,10 +278,12 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(f"placement_planner: {error}")
     executor = PooledExecutor(6, node.calls)
     executor.add_node(node)
+    # beside the executor, so that services answer while kernels are compiled
     warming = threading.Thread(target=node.warm_up, name="warm-up", daemon=True)
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
+    # callbacks in flight use the node, so they end before it is destroyed
     executor.finish(STOP_PATIENCE_S)
     warming.join(STOP_PATIENCE_S)  # for the processes that compile to be ended, too
     executor.shutdown()

@@ -40,6 +40,7 @@ class Paced(MutuallyExclusiveCallbackGroup):
     def can_execute(self, entity: Subscription) -> bool:
         """Asked by the executor whether to look for a message."""
         taken_at = self._taken_at.get(entity, -math.inf)
+        # after a callback that took long each of the others has as long before its next turn
         turn = len(self.entities) * self._took.get(entity, 0.0)
         due = time.monotonic() >= taken_at + max(self._period(), turn)
         return due and bool(super().can_execute(entity))
@@ -47,6 +48,7 @@ class Paced(MutuallyExclusiveCallbackGroup):
     def beginning_execution(self, entity: Subscription) -> bool:
         """Told by the executor that a message is taken."""
         begins = bool(super().beginning_execution(entity))
+        # the period counts from a callback's beginning, whatever it takes
         if begins:
             self._taken_at[entity] = time.monotonic()
         return begins

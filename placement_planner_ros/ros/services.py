@@ -27,6 +27,7 @@ _UNTOLD = ("stop", "stop_with")
 
 def serve(node: Node, commands: Commands) -> None:
     """Offer the commands as services."""
+    # several calls at once: a stop must not wait for the answer to another call
     group = ReentrantCallbackGroup()
 
     def offer(kind: type, name: str) -> None:
@@ -71,12 +72,14 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
 
         def respond_or_refuse() -> Any:
             try:
+                # of a type that does not exist rclpy makes no parameter, but raises
                 _require_types(parameters)
                 return respond(request, response)
             except PlacementPlannerError as error:
                 return _saying(refusal([error]), kind.Response(), len(parameters))
 
         given = survive(respond_or_refuse, met.append)
+        # whatever else was raised is the node's own fault, and the caller is told all the same
         for error in met:
             log.fault("a request met a fault", error)
             words = " ".join(str(error).split())
@@ -86,6 +89,7 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
 
     def written_down(request: Any, response: Any) -> Any:
         response = answered(request, response)
+        # refusals are always written down, successes where they change something
         for success, words in _outcomes(response):
             if not success:
                 log.refusal(f"{name} refused", words)

@@ -63,6 +63,7 @@ class PooledExecutor(Executor):
                 self._begun.append(task)
                 self._pool.submit(self._work, task, isinstance(entity, Service))
                 self._rested = time.monotonic() + REST_S
+        # what a callback has raised is raised here, in the thread that spins
         for task in list(self._begun):
             if task.done():
                 self._begun.remove(task)
@@ -82,6 +83,7 @@ class PooledExecutor(Executor):
 
         For an executor that nobody spins any more.
         """
+        # the pool's own shutdown has no time limit, so a thread waits in its place
         waiting = threading.Thread(
             target=self._pool.shutdown, kwargs={"cancel_futures": True}, daemon=True
         )
@@ -113,6 +115,7 @@ def waiting(subscription: Subscription, most: int) -> Iterator[Any]:
     Args:
         most: of them, as who sends without a rest would be listened to for ever.
     """
+    # past the executor, which hands out one message at a time
     with subscription.handle:
         for _ in range(most):
             taken = subscription.handle.take_message(subscription.msg_type, False)
@@ -133,6 +136,7 @@ def hand_out(executor: Executor, on_error: Callable[[Exception], None]) -> None:
         except (ExternalShutdownException, ShutdownException, TimeoutException):
             return
         task()
+        # a task keeps what its callback has raised
         error = task.exception()
         if error is not None:
             on_error(error)

@@ -65,6 +65,7 @@ def complete_cloud(
 
 
 def _are_near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
+    # between the upright boxes around both, axis by axis
     gap = np.maximum(
         a.vertices.min(axis=0) - b.vertices.max(axis=0),
         b.vertices.min(axis=0) - a.vertices.max(axis=0),
@@ -93,6 +94,7 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     edges = np.roll(flat, -1, axis=0) - flat
     relative = lattice[:, None] - flat
+    # of each edge with the way from its first corner to each point
     cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
     # inside is to the left of every edge
     inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
@@ -220,10 +222,12 @@ def _camera_cloud(
     # through the middle of each pixel, at depth 1
     rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
     depth = np.full((camera.height, camera.width), np.inf)
+    # of all solids on a ray the nearest remains
     for part in parts:
         _cast_rays(part, camera, rays, depth)
 
     seen_depth = _with_flying_pixels(depth, noise, rng)
+    # a ray that meets nothing delivers no point
     seen_depth[~np.isfinite(seen_depth)] = np.nan
     # noise is along the ray
     error = rng.normal(0.0, noise.range_deviation, depth.shape) if noise.range_deviation else 0.0
@@ -240,6 +244,7 @@ def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: A
     """Lower `depth` (height, width) to where each pixel's ray (height, width, 3) enters a solid."""
     T_camera_world = camera.T_world_camera.inverse()
     window = _window(part.vertices @ T_camera_world.rotation.T + T_camera_world.translation, camera)
+    # the planes of the solid in the frame of the camera
     normals = part.normals @ T_camera_world.rotation.T
     offsets = part.offsets + normals @ T_camera_world.translation
     along = rays[window] @ normals.T + 0.0  # no negative zeros
@@ -255,6 +260,7 @@ def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: A
 def _window(corners: Array, camera: DepthCamera) -> tuple[slice, slice]:
     """Rows and columns in which a solid with such corners (n, 3), in the camera frame, can be."""
     size = np.array([camera.width, camera.height])
+    # what reaches behind the camera may be anywhere in the image
     if (corners[:, 2] < _NEAREST_M).any():
         return slice(0, camera.height), slice(0, camera.width)
     pixels = corners[:, :2] / corners[:, 2:] * camera.focal_length + (size - 1) / 2
@@ -271,7 +277,9 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
             step = ahead - depth
         # where neighbouring pixels see different things
         edge = np.isfinite(step) & (np.abs(step) > noise.discontinuity)
+        # the last row, or column, has no neighbour: np.roll took it from the other side
         edge[(-1, slice(None)) if axis == 0 else (slice(None), -1)] = False
         flying = edge & (rng.random(depth.shape) < noise.flying_share)
+        # anywhere between the two sides
         result[flying] += rng.random(int(flying.sum())) * step[flying]
     return result

@@ -137,6 +137,7 @@ def _wine_glass() -> GraspedObject:
     and in how far the hand points down (or, for standing on the rim, up).
     """
     parts = [
+        # one solid between each two rings of the outline
         frustum(f"wine_glass/{name}", (below[1], above[1]), (below[0], above[0]), _GREEN, sides=32)
         for name, (below, above) in zip(GLASS_SECTIONS, pairwise(GLASS_OUTLINE), strict=True)
     ]
@@ -156,6 +157,7 @@ def _toy_table() -> GraspedObject:
     """
     top, plate, leg = 0.073, 0.006, 0.006
     parts = [box("toy_table/plate", (-0.055, -0.035, top - plate), (0.055, 0.035, top), _GREEN)]
+    # a leg near each corner of the plate
     for i, (sx, sy) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
         x, y = sx * (0.051 - leg / 2), sy * (0.030 - leg / 2)
         low, high = (x - leg / 2, y - leg / 2, 0.0), (x + leg / 2, y + leg / 2, top - plate)

@@ -111,6 +111,7 @@ def standing_box(
     """
     c, s = np.cos(yaw), np.sin(yaw)
     half = np.array(size, dtype=np.float64) / 2
+    # the footprint turned about its centre, below and above
     corners = [
         [centre[0] + c * x - s * y, centre[1] + s * x + c * y, z]
         for x in (-half[0], half[0])
@@ -168,6 +169,7 @@ def bowl(
     pieces = [frustum(f"{name}/floor", (outer, outer), (bottom, low), colour, centre, sides)]
     rings = [circle(r, z, sides, centre) for r in (inner, outer) for z in (low, high)]
     for i in range(sides):
+        # of each segment four corners at either end: inside and outside, below and above
         corners = np.array([ring[k] for ring in rings for k in (i, (i + 1) % sides)])
         pieces.append(ConvexPrimitive(f"{name}/wall_{i}", corners, colour))
     return tuple(pieces)

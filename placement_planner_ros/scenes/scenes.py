@@ -173,6 +173,7 @@ def table_of_things(volume: TargetVolume) -> Scene:
         # places are shares of V's base
         x, y = (lower[:2] + (along, across) * (upper - lower)[:2]).tolist()
         things.append(_thing(name, (x, y, top), degrees))
+    # it reaches 3 cm beyond V on every side
     table = box("table", (*(lower[:2] - 0.03), top - 0.04), (*(upper[:2] + 0.03), top), _WOOD)
     return Scene("table_of_things", volume, (table, *things))
 

@@ -133,6 +133,7 @@ def demands(search: Search) -> dict[str, str]:
             told[name] = f"lower it: {value:g} m is set, {milder:g} m is usual"
     if footing.contacts != search.usual_support.contacts:
         told["friction"] = f"raise it, if surfaces are rougher: {footing.friction:g} is set"
+    # points that scatter by more than the tolerance leave a level surface without support
     scatter = environment.measured.noise
     if scatter > footing.contact_tolerance:
         told["contact_tolerance"] = (
@@ -141,6 +142,7 @@ def demands(search: Search) -> dict[str, str]:
         )
     if footing.support == "vertices":
         told["support"] = "polygon, which asks for support around the centre of mass alone"
+    # more obstacles than were measured, where it is known what was seen: unseen space counts
     if environment.obstacles is not environment.measured and environment.seen is not None:
         told["unknown_space"] = (
             "set it to free, or to occupied_below where what is unseen lies high, or show more "
@@ -164,6 +166,7 @@ def remedies_for(search: Search, verdict: Verdict) -> list[Remedy]:
     """What to change where a constraint refuses: values that ask for much first, then inputs."""
     row, asked = TABLE[verdict], demands(search)
     arms = dict.fromkeys(holding.arm.name for holding in search.finder.holdings)
+    # `<arm>` stands for every arm that could hold the object
     inputs = (
         (", ".join(name.replace("<arm>", arm) for arm in arms) if "<arm>" in name else name, words)
         for name, words in row.inputs
@@ -176,7 +179,9 @@ def remedies_for(search: Search, verdict: Verdict) -> list[Remedy]:
 def refused_in_short(count: SampleCount) -> str:
     """What refused most samples of a search that found something; '' where few were refused."""
     refused = {verdict: count.verdicts.get(verdict, 0) for verdict in TABLE}
+    # a placement that is no better was refused by no constraint
     del refused[Verdict.NOT_BETTER]
+    # where half or more pass there is nothing to explain
     if sum(refused.values()) <= 0.5 * count.samples:
         return ""
     most = sorted(refused, key=lambda verdict: -refused[verdict])[:2]

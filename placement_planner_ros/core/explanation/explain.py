@@ -54,6 +54,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         )
     elif not hierarchy.regions:
         told = why_no_region(environment)
+        # regions that there were before may all lie in the boxes to keep out of
         if len(environment.keep_out) and search.before.regions:
             told = Explanation(
                 "no placement region: keep_out covers every surface in target_volume that "
@@ -78,6 +79,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
     else:
         told = _all_refused(search, progress)
     lacking = [f"contacts: {missing.words}"] if missing is not None else []
+    # regions, samples and what was left out are told whatever the cause is
     words = (*regions_in_words(environment), *lacking)
     numbers = (*words, *_count_words(search, progress), *left_out)
     return replace(told, details=(*told.details, *numbers))
@@ -90,6 +92,7 @@ def _nothing_stood(progress: Progress) -> bool:
         bool(tried or progress.rulings)
         and not progress.found
         and progress.rulings <= {Ruling.UNSUPPORTED}
+        # verdicts are in the order of the checks: none came further than support
         and all(verdict <= Verdict.UNSTABLE for verdict in tried)
     )
 
@@ -112,12 +115,14 @@ def _no_face_as_asked(search: Search) -> Explanation:
     turns = search.poses.turns
     assert turns is not None
     settings, faces = turns.settings, search.problem.body.faces
+    # every face on every slope that the regions have
     pairs = [
         (face, slope)
         for face in range(len(faces))
         for slope in {region.slope for region in search.hierarchy.regions}
     ]
     alone = {"object.up": replace(settings, front=()), "object.front": replace(settings, up=())}
+    # rules of which each alone leaves no face
     blamed = [
         name
         for name, only in alone.items()
@@ -129,6 +134,7 @@ def _no_face_as_asked(search: Search) -> Explanation:
     lean = min(turns.least_lean(*pair) for pair in pairs) if settings.up else 0.0
     if lean > settings.up_tolerance:
         tilt = search.settings.tilt
+        # the narrower of both limits is the one to raise
         at_rest = tilt is not None and tilt.at_rest <= settings.up_tolerance
         tolerance = "carry.max_tilt" if at_rest else "object.up_tolerance"
         words = (
@@ -179,6 +185,7 @@ def _out_of_reach(search: Search) -> dict[str, float]:
     beyond = search.bounds.beyond_reach(search.hierarchy.sets.cells).min(axis=0)
     least: dict[str, float] = {}
     for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):
+        # of an arm the grasp counts that comes nearest
         least[holding.arm.name] = min(gap, least.get(holding.arm.name, gap))
     return least
 
@@ -189,6 +196,7 @@ def _required_in_words(search: Search) -> str:
     if not search.bounds.turned(cells).all():
         return ""
     most = bound.most(search.bounds.ranges(cells))
+    # of each term not even the most that any pose can have is enough
     low = [
         f"{name} {bound.at_least[name]:g} is asked, {float(values.max()):.3g} is the most"
         for name, values in most.items()
@@ -206,9 +214,11 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
     if progress.unreached:
         cause += f" ({progress.unreached:,} motions failed certification)"
     asked = demands(search)
+    # rules that hold on the way, too
     bearing = [
         Remedy(name, asked[name]) for name in ("carry.max_tilt", "keep_out") if name in asked
     ]
+    # what helps an arm that collides helps one that finds no way
     inputs = remedies_for(search, Verdict.ARM_COLLIDING)
     more_time = Remedy("time_limit", "allow more time")
     return Explanation(cause, _first_of_each([*bearing, more_time, *inputs]))
@@ -237,6 +247,7 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
         did = _broken_in_words(search) if rule else TABLE[verdict].did
         causes.append(f"{refused:,} of {entered:,}{before} {did}")
     remedies = [remedy for verdict in named for remedy in remedies_for(search, verdict)]
+    # few samples say little of what a longer search would find
     if count.samples < _FEW_SAMPLES:
         more_time = f"allow more than it takes for {count.samples:,} samples"
         remedies.insert(0, Remedy("time_limit", more_time))
@@ -260,6 +271,7 @@ def _count_words(search: Search, progress: Progress) -> list[str]:
         face for face in np.argsort(-totals, kind="stable")[:NAMED_THINGS].tolist() if totals[face]
     ]
     words = [f"face {face}: {shares_in_words(by_face[face].tolist(), 'samples')}" for face in most]
+    # tries to reach poses, by the arm that was tried
     names = [holding.arm.name for holding in search.finder.holdings]
     return words + [
         f"arm {name}: {shares_in_words(verdicts.tolist(), 'tries')}"

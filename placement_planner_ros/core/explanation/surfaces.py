@@ -39,6 +39,7 @@ def why_no_region(environment: Environment) -> Explanation:
         )
     span = f"the {environment.points:,} points span {_box_in_words(environment.extent)}"
     of_volume = _box_in_words(np.stack([volume.lower, volume.upper]))
+    # there are points, but all lie outside of the workspace
     if len(measured) == 0:
         far = bool(np.abs(environment.extent).max() > _ARM_SPAN)
         in_metres = Remedy("cloud_topics", "name topics with clouds in metres, not in millimetres")
@@ -59,6 +60,7 @@ def too_steep(environment: Environment) -> Explanation | None:
     steep = [plane for plane in environment.steep if environment.volume.contains(plane.middle)]
     if not steep:
         return None
+    # the first plane is the largest
     rise, allowed = np.array(steep[0].slope), environment.max_slope
     span = f"the {environment.points:,} points span {_box_in_words(environment.extent)}"
     slope = steepness(rise)
@@ -68,7 +70,9 @@ def too_steep(environment: Environment) -> Explanation | None:
         Remedy(SENSOR, f"correct the sensor's tilt by {by}, if the surface is level in truth"),
         Remedy("target_volume", "choose one with a level surface, if it is not"),
     ]
+    # only where the parameter may be set that high
     if slope <= meaning_of(RegionSettings(), "max_slope").ends[1]:
+        # half as much friction again as the slope takes
         to, friction = math.ceil(1e3 * slope) / 1e3, 1.5 * math.tan(slope)
         words = f"raise it to {to:.3f}, if friction there is {friction:.2f} or more"
         # what slopes by more than objects are put down on unasked is a sensor's fault first
@@ -122,6 +126,7 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
             (Remedy("target_volume", "move it over what was measured"), _ALIGN),
             (span,),
         )
+    # something was measured in V, but nothing that is a region
     size, usual = environment.measured.cell_size, GridSettings().cell_size
     finer = Remedy("cloud.cell_size", f"lower it: {size:g} m is set, {usual:g} m is usual")
     return Explanation(

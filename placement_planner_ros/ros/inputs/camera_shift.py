@@ -31,6 +31,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     near = near[:: max(1, len(near) // _LOOKED_AT)]
     look = robot.look(near)
     rows = look.padded & (look.apart > 0.0) & np.isfinite(look.apart)
+    # distances from the surfaces, negative inside
     signed = np.where(look.inside, -look.apart, look.apart)[rows]
     normals = (near - look.nearest)[rows] / signed[:, None]
     shift: Array = np.zeros(3)
@@ -38,6 +39,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     for trusted in _TRUSTED_M:
         of_robot = np.abs(signed - normals @ shift) <= trusted
         n, along = normals[of_robot], signed[of_robot]
+        # normals in few directions leave the shift along the others open
         if len(n) < _FEWEST or np.linalg.eigvalsh(n.T @ n / len(n))[0] < _SPREAD:
             return np.zeros(3)
         shift = np.asarray(np.linalg.solve(n.T @ n, n.T @ along))

@@ -77,6 +77,7 @@ class MergedPoints:
 
     def with_points(self, points: Array, edge: float) -> MergedPoints:
         """The same and the points (n, 3) that lie in further cubes; itself where none does."""
+        # cubes of another size are numbered anew
         if edge != self.edge:
             return MergedPoints.of(self.points, edge).with_points(points, edge)
         limit = 1 << CUBE_BITS - 1
@@ -89,6 +90,7 @@ class MergedPoints:
         new = ~np.isin(coming, self.cubes, assume_unique=True)
         if not new.any():
             return self
+        # numbers stay ascending, points stay in the order in which they came
         places = np.searchsorted(self.cubes, coming[new])
         cubes = np.insert(self.cubes, places, coming[new])
         further = points[near][np.sort(first[new])]
@@ -133,12 +135,14 @@ class CloudStore:
             same = np.array_equal(before.points, cloud.points)
             cloud = replace(cloud, points=before.points) if same else cloud
         with self._lock:
+            # several threads take clouds, so an older one may come through later
             newest = self._latest.get(topic)
             if newest is not None and newest.arrival > cloud.arrival:
                 return False
             self._latest[topic] = cloud
             known = self._refused.pop(topic, None)
             self.updates += 1
+            # one after a refused one is a change, even where it shows the same
             self.changes += not same or known is not None
         return True
 
@@ -153,6 +157,7 @@ class CloudStore:
         while True:
             with self._lock:
                 before = self._merged
+            # without the lock, as that takes a while
             merged = before.with_points(points, cell_size / MERGE_FRACTION)
             if len(merged.points) > MAX_POINTS:
                 raise CloudError(

@@ -48,6 +48,7 @@ class CloudSubscriptions:
         self._group = group or Paced(self._period)
         self._heard: dict[str, float] = {}
         self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
+        # reliable until the publishers are known, as large clouds are lost by best effort
         for topic in topics:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)
         every(node, LATE_S / 2, self.follow)
@@ -63,11 +64,13 @@ class CloudSubscriptions:
             if not publishers:
                 continue
             offered = {p.qos_profile.reliability for p in publishers}
+            # a reliable subscription hears nothing of a publisher that offers best effort
             wanted = (
                 ReliabilityPolicy.RELIABLE
                 if offered == {ReliabilityPolicy.RELIABLE}
                 else ReliabilityPolicy.BEST_EFFORT
             )
+            # nobody can change a subscription, only make another
             if wanted is not reliability:
                 self._node.destroy_subscription(subscription)
                 self._subscribe(topic, wanted)

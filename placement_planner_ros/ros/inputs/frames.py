@@ -85,7 +85,9 @@ def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
     """
     if not frame.endswith(OPTICAL) or not len(points):
         return ""
+    # some thousands of points tell it, however large the cloud is
     some = points[:: max(1, len(points) // 2000)]
+    # the share of points that lie before the sensor, along each axis of its frame
     ahead = ((some - T_planning_cloud.translation) @ T_planning_cloud.rotation > 0.0).mean(axis=0)
     if ahead[2] >= FORWARD_SHARE or ahead[0] < FORWARD_SHARE:
         return ""
@@ -100,6 +102,7 @@ def _link_pose(link: str, robot: Robot, joints: JointValues) -> pin.SE3:
     try:
         values = joints(robot.joints_to(link))
         q = robot.with_positions(np.zeros(len(robot.joint_names)), values)
+        # values in other units would put the sensor anywhere
         robot.require_plausible(q, values)
         return robot.link_pose(q, link)
     except CloudFrameError:

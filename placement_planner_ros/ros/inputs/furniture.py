@@ -90,6 +90,7 @@ def _fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...]) ->
     """Remembered, so that what is made of a robot is made once."""
     joints = [shape.parentJoint for shape in robot.geometry.geometryObjects]
     pairs = zip(robot.geometry_links, joints, strict=True)
+    # joint 0 is pinocchio's universe: nothing moves what hangs on it
     fixed = tuple(dict.fromkeys(link for link, joint in pairs if joint == 0))
     foot = frozenset(fixed).difference(named) if named else _foot(robot, ends, fixed)
     furniture = tuple(link for link in fixed if link not in foot)
@@ -134,6 +135,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
     for _ in range(SAMPLES):
         q = robot.with_positions(np.zeros(model.nq), _drawn(robot, rng))
         placements = robot.geometry_poses(q)
+        # only links that touched it in every configuration before are left to look at
         for link, by in touched.items():
             near = rows(np.isin(links, list(by)), link)
             touched[link] = {
@@ -146,6 +148,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
 
 def _drawn(robot: Robot, rng: np.random.Generator) -> dict[str, float]:
     """Values of all joints that follow no other."""
+    # of joints without end stops one turn is enough
     low, high = (np.clip(limits, -np.pi, np.pi) for limits in (robot.lower, robot.upper))
     values = dict(zip(robot.joint_names, rng.uniform(low, high).tolist(), strict=True))
     return {name: value for name, value in values.items() if name not in robot.mimics}

@@ -110,6 +110,7 @@ class Inputs:
             # What the robot does not have is not kept: nobody would ever forget it.
             mine = [i for i, name in enumerate(names) if name in known[0]]
             names, position = [names[i] for i in mine], [position[i] for i in mine]
+        # without a stamp it counts as of now, by the clock by which clouds are stamped
         now = self._now() if stamp is None else stamp
         self.joints.update(names, position, time.monotonic(), now)
 
@@ -132,6 +133,7 @@ class Inputs:
         try:
             self._store(topic, received, parameters, wait=True)
         except (CloudFrameError, NotReadyError, DescriptionError) as error:
+            # an unknown frame may become known; where the sensor was before a motion never will be
             if not isinstance(error.__cause__, RobotMovingError):
                 with self._lock:
                     self._waiting[topic] = received
@@ -147,6 +149,7 @@ class Inputs:
         with self._lock:
             waiting = dict(self._waiting)
         for topic, received in waiting.items():
+            # one that was placed by a parameter is placed anew only where another pose is said
             said = parameters.sensor_pose(self._frames[topic])
             if received.declared is not None and said in (None, received.declared):
                 continue
@@ -188,6 +191,7 @@ class Inputs:
             robot = self.robot.robot
         except PlacementPlannerError:
             robot = None
+        # counters and whole objects, so that two states are compared at once
         changes = self.clouds.changes + self.known.changes, tuple(self.known.placed.values())
         return changes, self.joints.positions(), self.object.key, robot, parameters
 
@@ -200,6 +204,7 @@ class Inputs:
             ParameterError: `world_links` or `self_filter.padding_of` name what is none.
         """
         require_links(robot, parameters)
+        # the chains that end at hands and at sensors belong to the robot
         ends = self._sensor_links(robot, parameters["sensor_frames"])
         return fixed_links(robot, ends | {a.tip_frame for a in arms}, parameters[WORLD_LINKS])
 
@@ -232,6 +237,7 @@ class Inputs:
         thing = self.known.remove(run)
         if thing is None:
             return False
+        # else its accumulated points would stay there as an obstacle
         self.clouds.forget(lambda points: thing.holds(points, padding))
         return True
 
@@ -263,8 +269,10 @@ class Inputs:
         # where the frame was when the cloud was taken
         T_planning_cloud = self._frame_pose(frame, header.stamp, robot, parameters, wait=wait)
         points = points_from_message(message, T_planning_cloud)
+        # without the prefix, which the links of the robot do not have
         self._frames[topic] = frame
         self.turned[topic] = turned_axes(frame, points, T_planning_cloud)
+        # only where a sensor is at the frame's origin do lines of sight begin there
         eye = is_eye(frame, message.height, parameters)
         origin = np.array(T_planning_cloud.translation) if eye else None
         self.clouds.add(PointSet(points, origin, False, topic, taken, arrival))

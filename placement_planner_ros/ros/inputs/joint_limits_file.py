@@ -49,6 +49,7 @@ def given_joint_limits(parameters: ParameterSet, files: Files) -> dict[str, Join
             words = f"give MoveIt's joint_limits.yaml, a path or a URI: {error}"
             raise RobotError(FIELD, given[:60], words) from error
         return parse_joint_limits(text)
+    # joints' names may have dots, so the last one parts joint and limit
     limits: dict[str, dict[str, Any]] = {}
     for name, value in parameters.joint_limits.items():
         joint, _, what = name.rpartition(".")

@@ -43,12 +43,15 @@ class JointPast:
         """Take in a value that is no older than the newest."""
         samples, position = self._samples, sample.position
         self._low, self._high = min(self._low, position), max(self._high, position)
+        # the spread is counted anew from the value that is out of it
         if self._high - self._low > REST_SPREAD:
             self._low = self._high = position
             self._resting_since = sample.time
+        # of values in quick succession the newest replaces the one before
         if len(samples) > 1 and sample.time - samples[-2].time < SPACING_S:
             samples.pop()
         samples.append(sample)
+        # what happened in a long gap is unknown, so no speed is made of it
         if sample.time - samples[-2].time > GAP_S:
             del samples[:-1]
         # one value before the window is kept, to tell where the joint was as it began
@@ -61,6 +64,7 @@ class JointPast:
         begin = max(self.newest.time - WINDOW_S, first.time)
         positions = [sample.position for sample in later]
         if later:
+            # where the joint was as the window began, on the line between two values
             time = later[0].time - first.time
             share = (begin - first.time) / time if time > 0.0 else 0.0
             positions.append(first.position + share * (later[0].position - first.position))

@@ -62,6 +62,7 @@ class JointStates:
             JointStateError: lengths differ, and nothing is taken; or a position is not finite, or
                 a joint is named twice with different ones, and the other joints are taken.
         """
+        # what is good of a message is taken before the rest is told
         taken, bad = _positions(names, positions)
         with self._lock:
             for name, position in taken.items():
@@ -108,7 +109,9 @@ class JointStates:
             missing = [name for name in joints if name not in pasts and name not in assumed]
             if missing:
                 raise JointStateError("joint_states: missing", missing, PUBLISH)
+            # an old value says nothing of where the joint was at the stamp
             self._require_fresh(pasts, now, timeout)
+            # moving now, or not at rest for all the time since the stamp
             moved = [
                 name
                 for name, past in pasts.items()
@@ -173,6 +176,7 @@ class JointStates:
             q = robot.configuration({**assumed, **self.positions()}, matter)
         except JointStateError as error:
             raise JointStateError(error.field, error.value, PUBLISH) from None
+        # before motion is looked at, of which an old value tells nothing
         self._require_fresh({*robot.needed_joints, *matter}, now, timeout)
         moving = self.moving(matter, rest_speed)
         if moving:
@@ -185,11 +189,13 @@ class JointStates:
     def _take(self, name: str, position: float, stamp: float, now: float) -> None:
         """Take in a joint's value, unless a newer one is known; lock held."""
         past = self._past.get(name)
+        # older than the newest one: it comes late, or its clock was set back
         if past is not None and stamp < past.newest.time:
             if now - self._heard_at[name] < WINDOW_S:
                 return  # it comes late
             past = None
         turned = position
+        # the turn that is nearest to the value before, so that a wrap is no motion
         if past is not None and name in self._continuous:
             last = past.newest.position
             turned = last + math.remainder(position - last, 2.0 * math.pi)
@@ -216,6 +222,7 @@ def _positions(
         words = f"{len(names)} names, {len(positions)} positions"
         return {}, JointStateError("joint_states", words, "publish one position per name")
     taken = dict(zip(names, positions, strict=True))
+    # of a name given twice the last value was taken, which another one contradicts
     bad = {n for n, p in zip(names, positions, strict=True) if not isfinite(p) or taken[n] != p}
     if not bad:
         return taken, None

@@ -151,6 +151,7 @@ class KnownObjects:
                 corners = self._corners(thing)
                 surface = KnownSurface(corners @ T.rotation.T + T.translation)
                 with self._lock:
+                    # unless it was replaced while its surface was being made
                     if self._things.get(name) is thing:
                         self._things[name] = replace(thing, placed=(T, surface))
             else:
@@ -179,12 +180,14 @@ class KnownObjects:
             return replace(thing, corners=_triangles(marker, scale, field))
         except PlacementPlannerError as error:
             forget_where(error)
+            # kept, as it is there: a start is refused until it is replaced or deleted
             return replace(thing, fault=error)
 
     def _file(self, uri: str, field: str) -> Hashable:
         """Begin to read a mesh file, its header found in order; by what it is kept."""
         try:
             path = self._files.find(uri, trusted=False)
+            # what the header shows is told at once, all else when the file is read
             check_header(path)
             found = path.stat()
         except (OSError, ValueError) as error:
@@ -198,6 +201,7 @@ class KnownObjects:
                 raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
             return vertices[triangles]
 
+        # a file that was written anew is another one
         key = path, found.st_size, found.st_mtime_ns
         self.reading.want(key, read, lasting=True)
         return key
@@ -209,6 +213,7 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
         return np.asarray(trimesh.creation.box(scale).triangles)
     if marker.type == Marker.CYLINDER:
         sections = _sections(float(scale[:2].max()) / 2)
+        # of diameter and height 1, then scaled, so that it may be elliptic
         tube = trimesh.creation.cylinder(0.5, 1.0, sections)
         return np.asarray(tube.triangles) * scale
     if marker.type == Marker.SPHERE:
@@ -217,6 +222,7 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
         ball = trimesh.creation.icosphere(min(max(fine, 3), 6), 0.5)
         return np.asarray(ball.triangles) * scale
     if marker.type == Marker.TRIANGLE_LIST:
+        # before arrays of that size are made
         require_few(len(marker.points), len(marker.points) // 3)
         points = np.array([[p.x, p.y, p.z] for p in marker.points]) * scale
         if not len(points) or len(points) % 3 or not (np.abs(points) <= FAR_M).all():
@@ -230,5 +236,6 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
 
 def _sections(radius: float) -> int:
     """Facets around what is round, so that they lie within it by `ROUND_M` at most."""
+    # a facet's middle lies radius * (1 - cos(pi / facets)) within the circle
     share = min(ROUND_M / radius, 1.0)
     return max(16, int(np.ceil(np.pi / np.arccos(1.0 - share))))

@@ -31,6 +31,7 @@ class KnownSurface:
 
     def within(self, lower: Array, upper: Array) -> PointSet:
         """What of it lies in a box of corners (3,), and a little around; remembered."""
+        # on a coarse grid, so that a box that moves a little asks for the same points
         low, high = np.floor(lower / STEP_M) * STEP_M, np.ceil(upper / STEP_M) * STEP_M
         return _within(self, tuple(low.tolist()), tuple(high.tolist()))
 

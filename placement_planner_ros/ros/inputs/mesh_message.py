@@ -46,10 +46,13 @@ def _plain(data: bytes, order: str) -> tuple[Array, Triangles]:
     """Of plain CDR: each sequence after its length."""
     count = np.dtype(f"{order}u4")
     triangles = int(np.frombuffer(data, count, 1)[0])
+    # triangles come first, three indices each, then the number of vertices
     at = count.itemsize * (1 + 3 * triangles)
     vertices = int(np.frombuffer(data, count, 1, at)[0])
+    # before anything of that size is made
     require_few(vertices, triangles)
     corners = np.frombuffer(data, count, 3 * triangles, count.itemsize)
+    # doubles begin at the next multiple of 8
     at = -(-(at + count.itemsize) // 8) * 8
     points = np.frombuffer(data, f"{order}f8", 3 * vertices, at if vertices else 0)
     return (

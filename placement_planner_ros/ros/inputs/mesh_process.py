@@ -98,6 +98,7 @@ class MeshProcess:
 
     def _ask(self, request: tuple[object, ...], seconds: float, patience: float) -> Any:
         """The answer to a request, within `patience` seconds, `seconds` of processor time."""
+        # one process for all requests, begun with the first
         if self._child is None:
             self._child = _spawn()
         child, end = self._child, time.monotonic() + patience
@@ -106,6 +107,7 @@ class MeshProcess:
         try:
             pickle.dump((seconds, *request), child.stdin)
             child.stdin.flush()
+            # looked at in between, as a large mesh may take a minute
             while not select.select([child.stdout], [], [], LOOK_S)[0]:
                 if self._should_stop():
                     raise MeshProcessStoppedError
@@ -115,6 +117,7 @@ class MeshProcess:
         except (EOFError, BrokenPipeError, pickle.UnpicklingError) as error:
             ended = child.wait()  # its end of the pipe is closed, so it has ended or is about to
             self.close()
+            # the signal by which the system ends what exceeds its processor time
             if ended == -signal.SIGXCPU:
                 words = f"it took more than {seconds:g} s of processor time"
                 raise ProcessorTimeError(words) from error
@@ -122,6 +125,7 @@ class MeshProcess:
         except (TimeoutError, MeshProcessStoppedError):
             self.close()
             raise
+        # words in place of a result say why there is none
         if isinstance(answer, str):
             raise ValueError(answer)
         return answer
@@ -198,6 +202,7 @@ def _made(what: str, *given: Any) -> object:
     (path,) = given
     suffix, before = path.suffix.lower(), path.read_bytes()
     made = read_mesh(path)
+    # else the digest would stand for another content
     if path.read_bytes() != before:
         raise ValueError("it changed while it was read")
     return *made, content_digest(suffix, before)
@@ -225,7 +230,9 @@ def _end_with_node() -> None:
 
 def main() -> None:
     """Read the files, and cover the meshes, that the standard input asks for."""
+    # a node that crashes can end no other process
     threading.Thread(target=_end_with_node, daemon=True).start()
+    # a mesh that takes too much memory fails here, and the node goes on
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Loaders may print; what they print is no answer.

@@ -67,6 +67,7 @@ class _Given:
     def of_file(cls, path: Path) -> _Given:
         """A mesh file in the state it was in when it was named."""
         found = path.stat()
+        # a file that was written anew is another object
         key = path, found.st_ino, found.st_size, found.st_mtime_ns
         return cls(key, lambda process: read_kept(process, path))
 
@@ -89,6 +90,7 @@ class ObjectInput:
     def __init__(self, parameters: ParameterSet, files: Files, log: Log | None = None) -> None:
         self._lock = threading.Lock()
         self._files = files
+        # what the operator names at start-up may lie anywhere
         self._operators = str(parameters["object.mesh"])
         self._log = log
         self._topic: _Given | PlacementPlannerError | None = None
@@ -141,6 +143,7 @@ class ObjectInput:
         if not mine:
             return
         with self._lock:
+            # what was given last is the object, be it by topic or by parameter
             self._source = _source_of(parameters, mine, self._source)
         self._begin(parameters)
 
@@ -194,6 +197,7 @@ class ObjectInput:
         else:
             self._key, self._fault = key, None
             self.reading.want(key, read, lasting=True)
+        # the object before is given up, also while it is still being made
         if before != self._key:
             self.reading.forget(before)
 
@@ -203,6 +207,7 @@ class ObjectInput:
         """What tells the object from others, and how it is made."""
         with self._lock:
             source, given = _source_of(parameters, overridden, self._source), self._topic
+        # where parameters describe the object, the topic's mesh does not count
         if source != "topic":
             given = None
         if source == "mesh" and parameters["object.mesh"]:
@@ -215,6 +220,7 @@ class ObjectInput:
             )
         if isinstance(given, PlacementPlannerError):
             raise given.with_traceback(None)  # which would grow each time
+        # parts of the key, as the body depends on them too
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
 
@@ -253,6 +259,7 @@ class ObjectInput:
     def _listed_mesh(self, parameters: ParameterSet) -> _Given:
         """The mesh that object.vertices and object.triangles list."""
         vertices, triangles = parameters["object.vertices"], parameters["object.triangles"]
+        # compared by identity, as lists of parameters are replaced and never changed
         listed = self._listed
         if listed is not None and listed[0] is vertices and listed[1] is triangles:
             return listed[2]

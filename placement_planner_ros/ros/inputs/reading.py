@@ -94,6 +94,7 @@ class Reading(Generic[Made]):
             passing = [k for k, each in self._jobs.items() if not each.lasting]
             for oldest in passing[:-KEPT]:
                 self._jobs.pop(oldest).stop.set()
+            # a thread is there only while there is something to read
             if self._thread is None and not job.ended.is_set():
                 self._thread = threading.Thread(target=self._work, name="reading", daemon=True)
                 self._thread.start()
@@ -160,6 +161,7 @@ class Reading(Generic[Made]):
         while True:
             with self._lock:
                 left = [(k, job) for k, job in self._jobs.items() if not job.ended.is_set()]
+                # with the lock held: what is wanted from now on begins another thread
                 if not left:
                     self._thread = None
                     return
@@ -171,7 +173,9 @@ class Reading(Generic[Made]):
                 job.error = self._refused(met[0])
                 forget_where(job.error)
             self.progress = ""
+            # last, as whoever waits looks at the result at once
             job.ended.set()
+            # nothing is said of what nobody wants any more
             if self._log is not None and self._job(key) is job:
                 if job.error is not None:
                     self._log.repeats(f"{self._field} refused", str(job.error))

@@ -60,6 +60,7 @@ class Reception:
         parameters.notify(inputs.object.parameters_changed)
         topics = dict.fromkeys(["points", *parameters.current["cloud_topics"]])
         self.clouds = CloudSubscriptions(node, list(topics), self._take_cloud)
+        # best effort, which hears reliable publishers too
         self._joint_states = node.create_subscription(
             JointState,
             "joint_states",
@@ -67,12 +68,14 @@ class Reception:
             QoSProfile(depth=KEPT_STATES, reliability=ReliabilityPolicy.BEST_EFFORT),
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        # descriptions and objects are taken in one at a time
         robot, group = inputs.robot, MutuallyExclusiveCallbackGroup()
         subscribe = partial(node.create_subscription, callback_group=group)
         if robot.follows_topic:
             subscribe(String, "robot_description", self._take_description, LATCHED)
         if robot.follows_semantic_topic:
             subscribe(String, "robot_description_semantic", self._take_semantic, LATCHED)
+        # as bytes, so that no message is made for each triangle
         subscribe(Mesh, "~/object", self._take_object, LATCHED, raw=True)
         subscribe(
             MarkerArray, "~/known_objects", self._take_known, latched(100)
@@ -89,6 +92,7 @@ class Reception:
             if self._inputs.turned.get(topic):
                 self._log.repeats(f"cloud on {topic} turned", self._inputs.turned[topic])
         except PlacementPlannerError as error:
+            # kept with its topic, so that a start can tell it
             self._inputs.clouds.refuse(topic, error)
             self._log.repeats(f"cloud on {topic} refused", str(error))
 

@@ -43,6 +43,7 @@ def package_share(package: str) -> Path:
     Raises:
         FileNotFoundError: the ament index does not know it.
     """
+    # this package may run from a checkout, which no index knows
     if package == PACKAGE:
         return share_path("urdf").parent
     try:
@@ -90,6 +91,7 @@ class Files:
         if "\0" in uri:
             raise FileNotFoundError("no file's name holds a zero byte")
         candidates = list(self._candidates(uri, trusted, beside))
+        # of files that are not open, not even whether they exist is told
         may = [path for path in candidates if trusted or self._is_open(path)]
         for path in may:
             if _exists(path, Path.is_file):
@@ -128,6 +130,7 @@ class Files:
                     yield folder / inside.lstrip("/")
             return
         path = _expanded(unquote(uri.removeprefix("file://")))
+        # relative ones: beside the file that names them, where the node runs, or in open folders
         if path.is_absolute():
             yield path
         elif beside is not None:
@@ -143,8 +146,10 @@ class Files:
             yield folder / package
             if folder.name == package:
                 yield folder
+        # then what is installed
         with contextlib.suppress(FileNotFoundError):
             yield package_share(package)
+        # then the folders above the file that names it, as in a source tree
         for folder in () if beside is None else beside.absolute().parents:
             if folder.name == package:
                 yield folder
@@ -160,8 +165,10 @@ class Files:
             return True
         roots = [*self.package_paths, *self.file_roots]
         real_roots = [Path(os.path.realpath(root)) for root in roots]
+        # by its name first, so that no file elsewhere is looked at
         if not any(plain.is_relative_to(root) for root in [*roots, *real_roots]):
             return False
+        # a link must lead to below one of the folders, too
         real = Path(os.path.realpath(path))
         return any(real.is_relative_to(root) for root in real_roots)
 
@@ -188,6 +195,7 @@ def description_text(parameter: str, value: str, files: Files) -> tuple[str, Pat
         return _expanded_xml(parameter, value, "the text"), None
     try:
         path = files.find(value, trusted=True)
+        # before it is read; a character has four bytes at most
         if path.stat().st_size > 4 * MAX_TEXT:
             raise OSError(f"it is longer than {MAX_TEXT} characters")
         return _expanded_xml(parameter, path.read_text(encoding="utf-8"), str(path)), path
@@ -196,6 +204,7 @@ def description_text(parameter: str, value: str, files: Files) -> tuple[str, Pat
 
 
 def _expanded_xml(parameter: str, text: str, where: str) -> str:
+    # comments of a plain URDF may mention xacro
     if "<xacro:" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
         raise RobotError(
             parameter, where, "is xacro; give what `ros2 run xacro xacro FILE` makes of it"

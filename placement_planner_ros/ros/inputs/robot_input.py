@@ -95,6 +95,7 @@ class RobotInput:
             self._arrived = True
             if urdf == self._urdf and self.state != "bad":
                 return False
+            # the SRDF of the robot before says nothing of this one
             if urdf != self._urdf and self.follows_semantic_topic:
                 self._srdf = None
             self._urdf, self._beside = urdf, None
@@ -130,10 +131,12 @@ class RobotInput:
             PlacementPlannerError: as `robot`.
         """
         with self._lock:
+            # replaced meanwhile: what is learned of the old one is not kept
             if self.robot is not robot:
                 return robot.standing_at(q)
             read, stood = self.reading.get(self._key), self._stood
             known = stood is not None and stood[0] is read
+            # not learned anew while the robot stays where it was
             if stood is None or not known or np.abs(stood[2] - q).max(initial=0.0) > STILL_JOINT:
                 self._stood = read, robot.standing_at(q), q
             return self.robot
@@ -164,6 +167,7 @@ class RobotInput:
 
     def _begin(self) -> Hashable:
         urdf, srdf, beside = self._urdf, self._srdf, self._beside
+        # what comes by topic may name files of open folders only
         trusted = not self._arrived
 
         def read(should_stop: ShouldStop) -> Robot:
@@ -172,6 +176,7 @@ class RobotInput:
                 made = self._read(
                     urdf, srdf, _MeshCovers(self._files, process, trusted, beside, tell)
                 )
+            # by these joint states are kept until another robot is read
             self.continuous_joints = made.continuous
             self.joint_names = frozenset(made.joint_names)
             return made

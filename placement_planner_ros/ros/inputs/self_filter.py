@@ -191,6 +191,7 @@ def outside_robot(
     if body is not None:
         outlines += held_outlines(robot, q, arms, body, padding).values()
     outside = np.ones(len(points), np.bool_)
+    # of each only the points are looked at that are outside of those before
     for outline in outlines:
         outside[outside] = outline.outside(points[outside])
     return outside
@@ -232,6 +233,7 @@ def near_points(
         beside_held |= look.padded
     tree = cKDTree(points[of_robot.padded | beside_held])
 
+    # single points among many others are errors of the sensor
     def things(others: Mask) -> Array:
         return _not_alone(points[others], tree, grid)
 
@@ -264,6 +266,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
     are between surfaces which are too near to each other for that."""
     points = points.copy()
     for _ in range(4):  # off one surface after the other
+        # how they lie to the nearest surface of all outlines
         look = outlines[0].look(points, clear)
         for outline in outlines[1:]:
             look = look.joined(outline.look(points, clear))
@@ -275,6 +278,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         away[look.inside[rows]] *= -1.0
         length = np.maximum(look.apart[rows], ROUNDING_M)[:, None]
         points[rows] = look.nearest[rows] + away / length * (clear + ROUNDING_M)
+    # what was still too near at the last look is between surfaces, and dropped
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]
@@ -292,6 +296,7 @@ def _near(points: Array, T: pin.SE3, tree: SolidSurface, cap: float) -> npt.NDAr
 def _upright_box(T: pin.SE3, tree: SolidSurface, cap: float) -> tuple[Array, Array]:
     """Middle and half sides (3,) of the box around a solid at T, grown by `cap` metres."""
     low, high = tree.box
+    # the extent of a turned box along each axis
     half = np.abs(T.rotation) @ ((high - low) / 2) + cap
     return T.act((low + high) / 2), half
 
@@ -318,4 +323,5 @@ def _convex_surface(shape: ConvexSet) -> SolidSurface:
     """A polytope, or a point or a line, and what is within its radius."""
     if len(shape.normals):
         return SolidSurface.of(polytope_of(shape.vertices).corners, shape.radius)
+    # a point or a line is a triangle without area
     return SolidSurface.of(shape.vertices[[0, -1, -1]][None], shape.radius)

@@ -40,15 +40,18 @@ def structured_points(message: PointCloud2) -> npt.NDArray[Any]:
         formats.append(order + kind)
         offsets.append(field.offset)
     width, height, step = message.width, message.height, message.point_step
+    # a view and no copy: other fields and padding are stepped over
     layout = np.dtype(
         {"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step}
     )
     if width * height == 0:
         return np.empty((0, 0), layout)
+    # with a single row the step between rows means nothing
     row_step = message.row_step if height > 1 else width * step
     if row_step < width * step:
         words = f"is less than width {width} times point_step {step}"
         raise CloudError("cloud row_step", row_step, words)
+    # the last row need not be padded
     needed = (height - 1) * row_step + width * step
     if len(message.data) < needed:
         words = f"{height} x {width} points need {needed}"

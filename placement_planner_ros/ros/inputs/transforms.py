@@ -64,6 +64,7 @@ class Transforms:
         pairs = list(product(for_target, for_source))
         found = None
         for named in pairs:
+            # waited for once only, whatever the number of pairs
             patience = WAIT if wait and named is pairs[0] else Duration()
             with contextlib.suppress(self._error):
                 found = self._buffer.lookup_transform(*named, time, timeout=patience).transform
@@ -73,6 +74,7 @@ class Transforms:
         r, t = found.rotation, found.translation
         numbers = np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
         length = float(np.linalg.norm(numbers[3:]))
+        # a transform that is no pose counts as unknown
         if not np.isfinite(numbers).all() or length == 0.0:
             return None
         return pin.SE3(pin.Quaternion(numbers[3:] / length).toRotationMatrix(), numbers[:3])

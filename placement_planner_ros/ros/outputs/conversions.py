@@ -37,12 +37,14 @@ def with_all_joints(trajectory: Trajectory, robot: Robot, q_start: Array) -> Tra
     Args:
         q_start: (nq,) configuration at which the other joints stay.
     """
+    # joints that follow others, or that nothing drives, are not a controller's
     undriven = {*robot.mimics, *robot.passive}.difference(trajectory.joints)
     joints = tuple(name for name in robot.joint_names if name not in undriven)
     columns = [joints.index(name) for name in trajectory.joints]
     held = np.array([q_start[robot.index(name)] for name in joints])
     positions = np.tile(held, (len(trajectory.times), 1))
     velocities, accelerations = np.zeros_like(positions), np.zeros_like(positions)
+    # the arm's joints move, the others keep their place at zero speed
     positions[:, columns] = trajectory.positions
     velocities[:, columns] = trajectory.velocities
     accelerations[:, columns] = trajectory.accelerations

@@ -71,9 +71,11 @@ def placement_markers(
     placed.pose = pose_message(T_world_object)
     lines = np.zeros((0, 3))
     if resting is not None and resting.on:
+        # a line from each contact along its normal
         ends = resting.points + FORCE_LENGTH_M * resting.normals
         lines = np.stack([resting.points, ends], axis=1).reshape(-1, 3)
     forces = _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.004)
+    # a placement that does not lean deletes the lines of the one before
     forces.action = Marker.ADD if len(lines) else Marker.DELETE
     return [placed, forces, _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005)]
 

@@ -75,6 +75,7 @@ class Outputs:
             self._markers.publish(no_markers())
             header = Header(frame_id=frame, stamp=self._stamp())
             self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
+            # a manifest of solution 0 withdraws those of the run before
             values = {"run": run, "solution": 0, "has_retreat": "false"}
             words = f"run {run} has no solution yet"
             self._solution.publish(self._manifest(header, words, values))
@@ -102,6 +103,7 @@ class Outputs:
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
         volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
+        # regions as the search has them
         boxes = boxes_of(keep_out)
         regions = cut(environment.regions, boxes) if keep_out else environment.regions
         if snapshot.parameters["support_region"] == "largest":
@@ -129,6 +131,7 @@ class Outputs:
             robot, q = snapshot.robot, snapshot.q_start
             trajectory = with_all_joints(trajectory, robot, q)
             if retreat is not None:
+                # on the way back the fingers stay open
                 opened = robot.with_open_hand(q, snapshot.arm(goal.arm))
                 retreat = with_all_joints(retreat, robot, opened)
         T, objective = placement.T_world_object, float(placement.objective)
@@ -144,6 +147,7 @@ class Outputs:
             "has_retreat": str(retreat is not None).lower(),
             "search_time": f"{search_time:.3f}",
         } | {f"term.{name}": value for name, value in placement.terms}
+        # left out where nobody knows it
         if placement.unseen is not None:
             values["unseen"] = f"{placement.unseen:.4f}"
         if placement.gap is not None:
@@ -206,6 +210,7 @@ class Outputs:
 
     def _stamp(self) -> Time:
         """The time, later than that of any manifest before."""
+        # clients find a manifest's pose by its stamp, and the clock may stand still or be set back
         self._last_stamp = max(self._last_stamp + 1, self._node.get_clock().now().nanoseconds)
         return RosTime(nanoseconds=self._last_stamp).to_msg()
 
@@ -223,5 +228,6 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
     for row in chosen.round().astype(int):
         q[arm.q_index] = trajectory.positions[row]
         pin.framesForwardKinematics(robot.model, data, q)
+        # a copy, as the next configuration overwrites it
         path.append(data.oMf[frame].translation.copy())
     return np.array(path)

@@ -76,6 +76,7 @@ class Reporter:
 
     def begun(self, run: Run) -> None:
         """A run is about to start, in the thread of who asked for it."""
+        # else what is latched from the run before would pass for this one's
         self._outputs.clear(run.number, run.snapshot.frame)
         with self._lock:
             self._run, self._left, self._disagreements = run, "", ""
@@ -158,6 +159,7 @@ class Reporter:
             told = {"clouds_disagree": self._disagreements, "warm": warm}
             told["warm_failed_reason"] = self._warm.failure if warm == "failed" else ""
             values |= {name: words for name, words in told.items() if words} | read
+            # a worker may report while the node is already being taken down
             if self._closed:
                 return
             self._reported = (state, solutions, why_not, warm, read)
@@ -199,6 +201,7 @@ class Reporter:
         lacking = []
         if self._inputs.joints.age(now) > self._parameters.current["joint_state_timeout"]:
             lacking.append("joint states")
+        # with known objects a run can start without any cloud
         if not self._inputs.clouds.ages(now) and not len(self._inputs.known):
             lacking.append("clouds")
         return f"no recent {', '.join(lacking)}" if lacking else _ARRIVE
@@ -209,6 +212,7 @@ class Reporter:
             return "there is no placement"
         if run.confirmed:
             return _CARRIED_OUT
+        # newer clouds come last, as all the rest is told at a glance
         outdated = self._left or outdated_inputs(run.snapshot, self._inputs)
         return outdated or self._watch.blocked(run.snapshot, best)
 
@@ -217,6 +221,7 @@ class Reporter:
         state, (solutions, best) = (
             (State.IDLE, (0, None)) if run is None else (run.state, run.found)
         )
+        # put off until now, so that the search did not wait for it
         self._outputs.draw()
         if run is not None:
             self.left_start(run)

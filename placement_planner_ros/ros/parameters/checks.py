@@ -35,6 +35,7 @@ def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
         if not abs(length - 1.0) < 1e-2:
             words = f"the quaternion x y z w must have length 1, not {length:.3g}"
             raise GraspError(name, pose.tolist(), words)
+        # of unit length exactly, as rotations are made of it
         quaternion = pin.Quaternion(pose[3:] / length)
         poses.append(pin.SE3(quaternion.toRotationMatrix(), pose[:3]))
     return tuple(poses)

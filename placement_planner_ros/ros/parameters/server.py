@@ -64,6 +64,7 @@ def all_specs(take: Take) -> dict[str, Spec]:
             specs[spec.name] = spec
             values[spec.name] = take(spec)
 
+    # those first that say for which arms and sensors there are others
     declare([*fixed_specs(), arms_spec(list(TIP_FRAMES))])
     for arm in values["arms"]:
         declare(arm_specs(arm, yumi=not values["robot_description"]))
@@ -131,11 +132,13 @@ class ParameterServer:
         def declare(spec: Spec) -> Any:
             given = node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
             values[spec.name] = spec.convert(given)
+            # in the type of the parameter, where an integer was given for a double
             node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], values[spec.name])])
             return values[spec.name]
 
         # declared one after the other, as some say which others there are
         self.current = ParameterSet(all_specs(declare), values, self._given)
+        # rclpy calls them in this order: convert, refuse, take in
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._store)
@@ -190,6 +193,7 @@ class ParameterServer:
         mine = self._mine(parameters)
         try:
             changed = self.with_changes(mine)
+            # what only the robot and the object can tell
             if self._check is not None:
                 self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
@@ -198,6 +202,7 @@ class ParameterServer:
 
     def _store(self, parameters: list[Parameter]) -> None:
         mine = self._mine(parameters)
+        # replaced as a whole, so that each thread reads a consistent set
         self.current = self.with_changes(mine)
         if mine and self._on_change is not None:
             self._on_change([p.name for p in mine], self.current)
@@ -212,6 +217,7 @@ def _descriptor(spec: Spec) -> ParameterDescriptor:
         description=meaning.text, additional_constraints="; ".join(notes), dynamic_typing=True
     )
     ends = meaning.ends
+    # a range of rclpy needs both ends, each in the type of the parameter
     if all(map(math.isfinite, ends)) and spec.kind.startswith("double"):
         ends = float(ends[0]), float(ends[1])
         descriptor.floating_point_range = [FloatingPointRange(from_value=ends[0], to_value=ends[1])]

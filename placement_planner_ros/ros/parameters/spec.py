@@ -52,6 +52,7 @@ class Spec:
     @classmethod
     def of(cls, name: str, settings: Settings, path: str, check: Check | None = None) -> Spec:
         """The parameter that sets one field of settings, at a path such as `ik.sweep_step`."""
+        # settings hold settings: go down to those that have the field
         *groups, field = path.split(".")
         for group in groups:
             settings = getattr(settings, group)
@@ -89,6 +90,7 @@ class Spec:
 
     def _element(self, value: Any) -> bool | int | float | str:
         kind = self.kind.removesuffix("[]")
+        # to Python a bool is an integer, which nobody means
         is_bool = isinstance(value, (bool, np.bool_))
         accepted = {
             "bool": is_bool,

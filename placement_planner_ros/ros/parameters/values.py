@@ -82,6 +82,7 @@ class ParameterSet:
         Raises:
             PlacementPlannerError: an unknown name, a start-up parameter, or a bad value.
         """
+        # the first one is raised; `faults` has them all
         for fault in self._alone(changes):
             raise fault
         if not changes:
@@ -116,6 +117,7 @@ class ParameterSet:
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
         meant = did_you_mean(name, [*self.specs, CLOCK])
         words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
+        # it is nearest to a parameter of an arm, so another arm may be meant
         if meant is not None and f"{meant.partition('.')[0]}.tip_frame" in self.specs:
             words += f". If {group!r} is an arm, name it in arms at start-up"
         return words
@@ -142,6 +144,7 @@ class ParameterSet:
         """
         spec = self.specs[name]
         converted = spec.convert(value)
+        # the same value may be given again, as with a whole file
         if spec.startup and converted != self[name]:
             raise ParameterError(name, value, "is read at start-up; set it there")
         return self[name] if spec.startup else converted

@@ -131,6 +131,7 @@ class Preparation:
             StoppedError: it was told to stop first.
             PlacementPlannerError: an input is unusable.
         """
+        # seen by whoever prepares ahead, who gives up what this run has no use for
         self._run = snapshot
         self._calls.give_way()  # to the answer that there is a run
         try:
@@ -149,6 +150,7 @@ class Preparation:
 
     def ready(self, snapshot: Snapshot) -> Environment | None:
         """The environment of that run where it is there already, without a look at its points."""
+        # without the lock, as it is replaced as a whole
         made = self._made
         return None if made is None or not made.surroundings.made_of(snapshot) else made.environment
 
@@ -163,10 +165,12 @@ class Preparation:
         return survive(self._look, self._on_error) is not False
 
     def _look(self) -> bool:
+        # told before the snapshot is taken: what changes in between is looked at once more
         state, take_snapshot = self._inputs()
         if state == self._seen:
             return True
         snapshot = take_snapshot()
+        # what was given up is tried again at the next look
         if snapshot is not None and self.ahead(snapshot):
             self._seen = state
         return snapshot is not None
@@ -196,6 +200,7 @@ class Preparation:
         # points first: where they are the same, so is what was made of them
         surroundings = Surroundings.of(snapshot, None if before is None else before.surroundings)
         if before is None or not before.surroundings.same(surroundings):
+            # another object, or another posture, changes the environment but not the scene
             same_scene = before is not None and before.surroundings.same_scene(surroundings)
             scene = before.scene if before and same_scene else surroundings.scene()
             _ = scene.clearance
@@ -207,6 +212,7 @@ class Preparation:
             # what the search would do first
             box_arrays(environment.obstacles)
             before = _Made(surroundings, scene, environment)
+        # the newest inputs, with what was made of them or of equal ones before
         self._made = made = _Made(surroundings, before.scene, before.environment)
         # the same for every search with this robot and object
         robot, body = wanted = snapshot.robot, snapshot.body

@@ -55,6 +55,7 @@ def take_snapshot(
     now = time.monotonic()
     faults: list[PlacementPlannerError] = []
 
+    # faults are gathered, so that all of them are told at once
     def attempt(make: Callable[[], Made]) -> Made | None:
         try:
             return make()
@@ -64,6 +65,7 @@ def take_snapshot(
 
     # clouds first: those that waited for their frame may be placed by now
     inputs.retry_clouds(parameters)
+    # known objects can stand in for clouds
     needed = not len(inputs.known)
     mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
     faults += inputs.clouds.faults(mode, max_age, now, needed)
@@ -83,6 +85,7 @@ def take_snapshot(
     attempt(partial(_require_consistent, parameters))
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
+    # what follows needs robot, q_0 and object, all in order
     if faults or standing is None or body is None:
         return faults
     # what no joint moves is furniture, and leaves the robot
@@ -145,6 +148,7 @@ def _standing(
         assumed = parameters.assumed_joints
         q = inputs.joints.resting(robot, matter, assumed, now, timeout, rest_speed)
     except JointStateError as error:
+        # of a stand-in the missing robot is the cause, not the missing joints
         if inputs.robot.is_given:
             raise
         raise JointStateError("robot_description", "none has come", BUNDLED) from error
@@ -250,6 +254,7 @@ def _require_consistent(parameters: ParameterSet) -> None:
         ParameterError: there are some.
     """
     settings = parameters.planner_settings
+    # it is made of several values, and refuses those that do not fit together
     _ = settings.tilt
     settings.wishes.require_consistent()
     if parameters["objective"] == "weighted" and not parameters["objective_terms"]:

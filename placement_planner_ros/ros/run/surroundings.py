@@ -114,6 +114,7 @@ class Surroundings:
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
         unknown = [each.snapshot.parameters["unknown_space"] for each in (self, other)]
+        # without the place of any sensor nothing is known to be unseen, whatever is asked
         if not self.sights:
             unknown = ["free", "free"]
         told = [[str(one) for one in each.disagreements] for each in (self, other)]
@@ -214,6 +215,7 @@ _Filtered = tuple[PointSet, Array, Mask]
 
 def _disagreements(snapshot: Snapshot, each: list[_Filtered]) -> tuple[Disagreement, ...]:
     """Which of the topics' clouds contradict each other, by points that are kept."""
+    # what is known or accumulated has no topic, and contradicts nobody
     of_topics = [(part, real[kept]) for part, real, kept in each if part.topic]
     if len(of_topics) < 2:
         return ()

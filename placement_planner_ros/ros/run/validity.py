@@ -78,6 +78,7 @@ def way_of(snapshot: Snapshot, environment: Environment, placement: Placement) -
         PlacementPlannerError: the arm cannot hold the object like that.
     """
     goal, settings = placement.goal, snapshot.parameters.planner_settings.collision
+    # points for each measured cell: in dense clouds single new ones count for nothing
     density = sum(map(len, snapshot.clouds)) / max(len(environment.measured), 1)
     obstacles = environment.obstacles_of(goal.arm, goal.grasp)[0]
     # the way as it was planned, stretch by stretch
@@ -107,6 +108,7 @@ def _stretches(
     arm = snapshot.arm(goal.arm)
     moving = MovingArm(robot, arm, snapshot.q_start)
     holding = ArmCollision(moving, AttachedObject(snapshot.body, goal.grasp), obstacles, settings)
+    # on the approach points up to this height do not count: they are the object's support
     contact = goal.contact_height + settings.contact_tolerance
     path, begin = placement.trajectory, placement.approach_start
     stretches = [
@@ -116,6 +118,7 @@ def _stretches(
     # the hand opens where it is, then leaves the object that stands
     if placement.retreat is not None:
         opening = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
+        # the object in the hand is nothing that its fingers could meet as they open
         sweeping = ArmCollision(opening, None, obstacles, settings)
         # As `grasp.OpenHand` has it, which is laid out already.
         opened = replace(moving.with_open_hand(), arm=replace(arm, touch_links=()))
@@ -140,6 +143,7 @@ def outdated_inputs(snapshot: Snapshot, inputs: Inputs) -> str:
 
     The same words as long as the reason is the same.
     """
+    # what was replaced comes first, as it makes everything else pointless
     if inputs.robot.key != snapshot.robot_key:
         return "the robot was replaced"
     if inputs.object.key != snapshot.object_key:
@@ -164,12 +168,15 @@ def moved_from_start(snapshot: Snapshot, inputs: Inputs) -> str:
     robot, parameters = snapshot.robot, snapshot.parameters
     tolerance = parameters["start_tolerance"]
     try:
+        # what is published counts before what is assumed
         q = robot.configuration({**parameters.assumed_joints, **inputs.joints.positions()})
     except JointStateError:
         pass
     else:
+        # as at the start: what is barely beyond a limit counts as at it
         q = robot.within_limits(q, parameters["start_limit_tolerance"])
         left = robot.apart(q, snapshot.q_start) > tolerance
+        # only joints whose values matter, without those that moved already at the start
         left &= np.isin(robot.joint_names, list(set(snapshot.joints) - set(snapshot.moving)))
         if left.any():
             # The first of them and no distance: words that change as it moves would be told anew.

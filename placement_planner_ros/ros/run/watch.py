@@ -61,6 +61,7 @@ class Watch:
 
         The same words as long as it does; `NOT_LOOKED_AT` until that is known.
         """
+        # read once, as the thread that looks replaces it as a whole
         looked = self._looked
         if looked.placement is placement:
             return looked.words
@@ -82,8 +83,10 @@ class Watch:
         seen: dict[str, tuple[PointSet, str]] = {}
         for topic, cloud in clouds.items():
             last, words = before.seen.get(topic, (None, ""))
+            # a cloud is known by its array, so each is looked at once
             if last is None or last.points is not cloud.points:
                 found = self._in_the_way(way, cloud)
+                # the same words as long as anything is in the way, wherever it is by then
                 words = words if words and (found or keeps) else found
             seen[topic] = cloud, words
         if self._looked is known:  # else there is news, and it is looked at again
@@ -94,6 +97,7 @@ class Watch:
         clouds = self._clouds.latest()
         if snapshot.parameters["cloud.mode"] == "merge":
             clouds[""] = PointSet(self._clouds.merged)
+        # a cloud that shows nothing new keeps the array of the one before
         return {
             topic: cloud
             for topic, cloud in clouds.items()

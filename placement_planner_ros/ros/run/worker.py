@@ -160,6 +160,7 @@ class Run:
     @property
     def code(self) -> str:
         """How it ended, for programs; OK while it has not."""
+        # read once, as the worker may change it meanwhile
         state = self.state
         if state is State.FAILED:
             return self._error_code
@@ -167,6 +168,7 @@ class Run:
             return "ROBOT_MOVED"
         if state not in ENDED or self.solutions > 0:
             return "OK"
+        # where there was nothing to search the planner knows the code
         cause = self.planner.cause if state is State.EXHAUSTED and self.planner else None
         return cause or "NO_SOLUTION"
 
@@ -177,6 +179,7 @@ class Run:
             reason: in words, where it is not that somebody said so.
         """
         with self._publishing:
+            # the first reason to end is the one that counts
             if self._ending is not None or not self.active:
                 return
             self._ending = outcome
@@ -244,10 +247,12 @@ class Run:
             if not expected:
                 self._observer.failed(self, error)
         finally:
+            # even where telling of it fails, or the run would count as active for ever
             self._become(State.FAILED)
 
     def _become(self, outcome: State) -> None:
         with self._publishing:
+            # what somebody asked for before the worker came to its end has precedence
             self.state = self._ending or outcome
         self._observer.changed(self)
 
@@ -290,11 +295,13 @@ class Run:
         began, limit = time.monotonic(), self.snapshot.parameters["time_limit"]
         if limit > 0.0:
             self._deadline = began + limit
+        # a stop in the middle of a step raises StoppedError, which here is no failure
         with contextlib.suppress(StoppedError), stoppable(self.should_stop):
             self._take_placements(prepared.planner)
         self._searched = time.monotonic() - began
         # it ended because it was told to, or because nothing is left
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
+        # in this thread, as nobody else may look into the search
         prepared.planner.explain()
         if outcome is State.EXHAUSTED:
             self.reason = self._named(prepared.planner.exhausted)
@@ -315,6 +322,7 @@ class Run:
 
 def _failure(error: BaseException) -> tuple[str, str, bool]:
     """A run's code and reason where it ends over an error, and whether that is no fault in code."""
+    # an objective that raised gets a traceback in the log, any other refusal does not
     if isinstance(error, PlacementPlannerError):
         raised = error.field == "objective" and error.__cause__ is not None
         return error.code, str(error), not raised

@@ -41,6 +41,7 @@ class Findings:
         """Remember that something is wrong; of links that lack a shape, all of them."""
         words = str(fault)
         cause: BaseException | None = None if isinstance(fault, str) else fault
+        # the error that knows all links without a shape may be the cause of another
         while cause is not None:
             words = cause.grouped if isinstance(cause, ShapesError) else words
             cause = cause.__cause__

@@ -39,8 +39,10 @@ def read_given(file: Path | None, overrides: Mapping[str, Any], findings: Findin
     for node, parameters in () if file is None else _nodes_for(file, NODE, findings):
         for name, value in _flat(parameters, ()):
             values[name] = value
+            # the part of the file that says it last decides whether it is for this node alone
             (mine.add if node == NODE else mine.discard)(name)
             findings.attempt(lambda: _require_fit(name, value))  # noqa: B023
+    # the command line counts before the file
     values |= overrides
     good: dict[str, Any] = {}
 

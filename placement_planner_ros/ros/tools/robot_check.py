@@ -131,6 +131,7 @@ def read_snapshot(
             words = "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame"
             findings.wrong(f"{words} such as {_proposed(robot)}")
             return None
+        # zero for joints of which no start is given
         q = dict(zip(robot.joint_names, _zero(robot).tolist(), strict=True))
         told = start
         if joints is not None:
@@ -178,6 +179,7 @@ def _proposed(robot: Robot) -> str:
     for frame in robot.model.frames:
         if robot.has_link(frame.name):
             chains.setdefault(robot.joints_to(frame.name), frame.name)
+    # a chain that another one goes on from does not end there
     before = [joints[:-1] for joints in chains]
     ends = sorted((joints for joints in chains if joints not in before), key=len, reverse=True)
     return listed([f"{chains[end]} ({len(end)} joints)" for end in ends])
@@ -293,6 +295,7 @@ def hand_distance(snapshot: Snapshot, arm: Arm, grasp: int) -> float:
         robot.geometry_links, overlaps.shapes, robot.geometry_poses(q), strict=False
     ):
         there = coal.Transform3s(at.rotation, at.translation)
+        # links that may touch the object are those of the hand
         if link in arm.touch_links:
             solids = overlaps.shapes[first:]
             apart += [nearest(solid, place, shape, there).min_distance for solid in solids]
@@ -306,6 +309,7 @@ def check_search(snapshot: Snapshot, findings: Findings) -> None:
     for share in (0.1, 0.5, 0.9):
         began = time.process_time()
         plane = PointSet(_plane_in(snapshot.parameters.volume, share))
+        # furniture and known objects stay, the plane is in place of the clouds
         known = tuple(part for part in snapshot.parts if part.placed)
         over = replace(snapshot, parts=(*known, plane))
         environment = findings.attempt(lambda: Surroundings.of(over).environment())  # noqa: B023
@@ -318,6 +322,7 @@ def check_search(snapshot: Snapshot, findings: Findings) -> None:
         if found is None:
             return
         words, left_out = found
+        # a placement at one height is enough
         if not words:
             for note in (*notes, *(f"does without {each}" for each in left_out)):
                 findings.say(note)
@@ -329,6 +334,7 @@ def check_search(snapshot: Snapshot, findings: Findings) -> None:
 def _search(snapshot: Snapshot, environment: Environment) -> tuple[str, tuple[str, ...]]:
     """Why no placement is found, '' where one is; and what the planner does without."""
     planner = make_planner(snapshot, environment)
+    # processor time, so that a busy machine is not taken for a fault
     end = time.process_time() + SEARCH_S
     if next(planner.run(lambda: time.process_time() > end), None) is not None:
         return "", planner.unusable

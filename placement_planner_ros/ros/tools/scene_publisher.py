@@ -119,6 +119,7 @@ class ScenePublisher(Node):
 
     def _publish_joint_states(self) -> None:
         state = joint_state_at_rest(self._positions, self.get_clock().now().to_msg())
+        # zeros would be wrong of a robot that moves
         if not self._at_rest:
             state.velocity = []
         self._joint_states.publish(state)
@@ -145,6 +146,7 @@ def main(args: list[str] | None = None) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     spin_until(executor, asked)
+    # before the node goes, which the executor waits on
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
