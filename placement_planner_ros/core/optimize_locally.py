@@ -70,6 +70,7 @@ class LocalOptimizer:
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
+        # The pose that the change leads to, as far as the arm can give it.
         x, q = self._poses.contacts.moved(goal.T_world_object, goal.contact, change), None
         if x is None:
             return None
@@ -78,12 +79,14 @@ class LocalOptimizer:
             if given is None:
                 return None
             x, q = given
+        # It must be better, and keep what is asked of poses.
         value = evaluate_objective(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
         verdict = self._poses.verdict(x, goal.contact)
         if verdict is not Verdict.FEASIBLE:
             return None
+        # The arm must reach it, and be free there and on the way.
         q = self._step(goal, holding, x, change) if q is None else q
         if q is None:
             return None
@@ -113,9 +116,11 @@ class LocalOptimizer:
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""
         J = holding.chain.jacobian(goal.q, holding.arm.grasps[goal.grasp].homogeneous)
+        # The change as a twist, along the plane and about its normal.
         rise = goal.slope[0] * change[0] + goal.slope[1] * change[1]
         normal = upright(goal.slope)[:, 2]
         v = np.array([change[0], change[1], rise, *(change[2] * normal)])
+        # A step by the Jacobian, within the limits of the joints.
         predicted = goal.q + np.linalg.pinv(J, rcond=1e-3) @ v
         predicted = np.clip(predicted, holding.arm.lower, holding.arm.upper)
         return holding.follow(x, predicted)

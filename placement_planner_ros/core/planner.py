@@ -267,16 +267,20 @@ class PlacementPlanner:
         rng: np.random.Generator,
     ) -> None:
         self._settings = settings
+        # Refuse what cannot be planned for.
         settings.wishes.require_consistent()
         used = [joint for arm in problem.arms for joint in arm.used_joints]
         problem.robot.require_plausible(problem.q_start, used)
+        # Whole turns of joints are taken off, and put back in each placement.
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
         before = problem.environment
+        # What nothing may enter, and the regions that are left.
         problem = with_exclusion_zones(replace(problem, q_start=unwound), settings.keep_out)
         if settings.support_region == "largest":
             environment = problem.environment.with_largest_region()
             problem = replace(problem, environment=environment)
+        # Each part draws from a generator of its own.
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem,
@@ -287,6 +291,7 @@ class PlacementPlanner:
             make_requirements(settings.context(before, problem.volume, problem.body)),
         )
         self._poses, self._objective = poses, objective
+        # Arms and grasps that can be used, and what checks their samples.
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
@@ -296,6 +301,7 @@ class PlacementPlanner:
             settings.ik_seeds,
             rng_ik,
         )
+        # What is searched, and what can be proven of it.
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
             len(poses.contacts.references),
@@ -357,24 +363,30 @@ class PlacementPlanner:
         best = -np.inf
         explain_at = _EXPLAINED_SAMPLES
         while not (self.exhausted or should_stop()):
+            # Sample goals that are better than what is known.
             bound = best + self._settings.min_improvement  # what every sample is held against
             for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
+            # Now and then say why nothing has been found.
             if best == -np.inf and self.statistics.samples >= explain_at:
                 explain_at = 2 * self.statistics.samples
                 self.explain()
+            # Rule out what cannot be better.
             if best > -np.inf:
                 self._narrow(best)
+            # Without a goal sample on, unless it is proven that there is none.
             if self.motion.goals == 0:
                 if best == -np.inf and self._remainder.empty():
                     self.cause = self._remainder.cause
                     self.exhausted = self.explain().short
                 continue
+            # Some more iterations of planning to the goals.
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations
             if found is None:
                 continue
+            # Optimise, time and publish; goals that are no better now are dropped.
             for placement in self._placements(*found, best, started, should_stop):
                 best = placement.objective
                 self.motion.retire_up_to(best + self._settings.min_improvement)
@@ -432,10 +444,12 @@ class PlacementPlanner:
         self.motion.retire(goal)
         holding = self.holdings[goal.arm, goal.grasp]
         optimize = self._settings.local_optimization
+        # The first placement is published as it was reached.
         first = best == -np.inf
         reached = self._timed(path, goal, holding, started, should_stop) if first else None
         if reached is not None:
             yield reached
+        # Then the one that is optimised, where it can be timed.
         if optimize and not should_stop():
             refined = self._optimizer.optimize(goal, holding, should_stop)
             if refined.goal is not goal:
@@ -444,6 +458,7 @@ class PlacementPlanner:
                 if better is not None:
                     yield better
                     return
+        # Else the one that was reached.
         if not first:
             reached = self._timed(path, goal, holding, started, should_stop)
             if reached is not None:

@@ -217,6 +217,7 @@ class Holding:
 
     def _lines(self, T_world_object: pin.SE3, opening: Array) -> StraightLines:
         """The lines on which the corners of the object's box come to rest."""
+        # Corners as they are held in the tip's frame, and as they rest in the world.
         T_tip_object = self.arm.grasps[self.grasp]
         held = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
         placed = self._corners @ T_world_object.rotation.T + T_world_object.translation
@@ -276,6 +277,7 @@ class Holding:
                 break
             upward += way
             below = height
+            # It counts once it is long enough and free without contact.
             enough = height >= settings.approach_minimum - 1e-9
             if enough and self.collision.free(upward[-1], self._reserve):
                 raised = list(upward)
@@ -312,6 +314,7 @@ class Holding:
             return [q_next] if is_free else None
         if halvings == 0:
             return None
+        # Both halves, one after the other.
         middle = 0.5 * (below + height)
         lower = self._straight_way(q, T_world_object, lines, (below, middle), halvings - 1)
         if lower is None:

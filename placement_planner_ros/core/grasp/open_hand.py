@@ -161,6 +161,7 @@ class OpenHand:
 
         def leaves(a: Array, b: Array, deviation: Array) -> bool:
             self._place(T_world_object)
+            # From the end nearer to where the retreat begins.
             near, far = (a, b) if gone(a) <= gone(b) else (b, a)
             # The part of the motion on which links may touch.
             if self.touching[grasp] and gone(near) < PARTING_M:
@@ -183,6 +184,7 @@ class OpenHand:
     def _stations(self, beyond: float) -> Array:
         """(n,) metres of the retreat at which there are waypoints, from `beyond` on."""
         settings = self._settings
+        # Equal steps of the retreat, those before `beyond` left out.
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         stations = settings.retreat_distance / steps * np.arange(1, steps + 1)
         return np.unique([beyond, *stations[stations > beyond + _STATION_ROUNDING_M]])
@@ -209,6 +211,7 @@ class OpenHand:
 
     def _followed(self, way: Array, arm: ArmCollision, poses: Array) -> Array | None:
         """A way (m, dof) continued along poses (n, 4, 4), states and edges certified."""
+        # The states first, then the edges between them.
         tracked = self._ik.track(poses, way[-1])
         if tracked is None or not arm.free_batch(tracked, self._reserve).all():
             return None
@@ -235,6 +238,7 @@ class OpenHand:
         """Touch links that touch the object held so, the hand open."""
         step(f"looking what of arm {self._arm.name} leaves the object")
         self._open.place(pin.SE3(self._T_tip_zero) * self._arm.grasps[grasp])
+        # What is nearer than that touches.
         near = replace(self._open.settings, self_margin=_TOUCHING_M)
         return frozenset(link for link in self._arm.touch_links if self._touches(link, near))
 

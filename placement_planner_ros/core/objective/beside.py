@@ -130,6 +130,7 @@ class Edge(Beside):
             numbers = np.array([len(points) for points in near])
             points = group.tree.data[np.concatenate(near).astype(np.int64)]
             away = _from_polygons(points, np.repeat(feet, numbers, axis=0))
+            # The least distance of each pose.
             least = np.minimum.reduceat(away, np.cumsum(numbers) - numbers)
             result[group.rows] = self._trimmed(group, least)
         return result
@@ -139,6 +140,7 @@ class Edge(Beside):
         more than its radius."""
         low, high = (np.full(len(T_world_object), self.ends[1]) for _ in range(2))
         for group in self._groups(T_world_object):
+            # The end nearest to the middle, and how far the corners are from the middle.
             nearest, _ = group.tree.query(group.middle)
             radius = _corner_radius(group, self._feet(group, T_world_object))
             low[group.rows] = self._trimmed(group, nearest - radius)

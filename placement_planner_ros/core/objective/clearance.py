@@ -65,6 +65,7 @@ class Clearance:
     def _most(self, ranges: PoseRanges, sign: float) -> Array:
         """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
         mean changes by no more than its points move."""
+        # What it is at the middle of each range, and how far points move from there.
         values, _ = self._clearance(ranges.T, self._points, sign=sign)
         moved = ranges.shift + ranges.chord * self._radii(ranges)
         pixel = max(field.pixel for field in self._fields)
@@ -101,6 +102,7 @@ class Clearance:
     ) -> tuple[Array, Array]:
         """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
         stands on; with a sign, what sign · C is not above."""
+        # Without inclines one field tells all.
         if not self._inclines or not len(self._faces):
             return self._field(0, sign).mean_clearance_batch(T, points, slopes)
         stands_on = self._stands_on(T)

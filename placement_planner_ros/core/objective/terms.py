@@ -153,6 +153,7 @@ class Turn:
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); only turning changes it."""
+        # The turn from the target to the pose, as axis times angle.
         off = pin.log3(T_world_object.rotation @ self._target.T)
         angle = float(np.linalg.norm(off))
         return np.array([0.0, 0.0, 0.0 if angle < 1e-9 else -off[2] / angle])
@@ -231,6 +232,7 @@ class Stance:
             placed = points @ T[:3, :3].T + T[:3, 3]
             support = self._environment.support_of((float(slope[0]), float(slope[1])))
             carried = feet[support.supported(placed, self._tolerance)]
+            # By how much it can be tipped over the hull of these.
             result[n] = self._tips(stood.face[n : n + 1], _inward_normals(carried)[None], T[None])[
                 0
             ]

@@ -87,6 +87,7 @@ class _WeightedPart:
         """(n,) what it adds at most at poses (n, 4, 4)."""
         if not self.factor:
             return np.zeros(len(T))
+        # By the bounds of its values at these poses, else by those of all values.
         if isinstance(self.term, BoundedTerm):
             return np.asarray(self.factor * self.term.bounds(T)[int(self.factor > 0.0)])
         return np.full(len(T), (self.factor * np.array(self.term.ends)).max())
@@ -116,6 +117,7 @@ class _WeightedPart:
         """(3,) of what it adds, within a plane of that slope."""
         if isinstance(self.term, SmoothTerm):
             return self.factor * self.term.gradient(x)
+        # Differences to both sides along x, along y and about the normal.
         poses = [
             moved_pose(x, s * d, slope).homogeneous for d in np.diag(_STEPS) for s in (1.0, -1.0)
         ]
@@ -151,6 +153,7 @@ class Weighted:
             _WeightedPart(term, weight / term.scale)
             for term, weight in zip(self._terms.values(), weights, strict=True)
         ]
+        # Cheap terms are computed before the others.
         self._cheap = [part for part in parts if not part.term.expensive]
         self._expensive = [part for part in parts if part.term.expensive]
         self._standing = SupportingFaces(context)
@@ -205,6 +208,7 @@ class Weighted:
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """∂ξ/∂(x, y, e_z), within the plane that the object stands on."""
+        # The slope of the plane that the object stands on.
         stood = self._standing.at(T_world_object.homogeneous[None])
         along = self._standing.slopes[stood.slope[0]]
         slope = (float(along[0]), float(along[1])) if along.any() else LEVEL

@@ -98,6 +98,7 @@ def winding_way(
             parents.append(last)
             last = len(nodes)
             nodes.append(q)
+        # Whether it has come further out than all others.
         reached = _distance_from_goal(holding, nodes[last], goal)
         if reached > out:
             best, out = last, reached
@@ -127,6 +128,7 @@ def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: i
     """Configurations from `q` on, moving the object by `step` (3,) and turning it by `turn` (3, 3)
     about its origin from one to the next, as far as that is free."""
     way, T = [q], holding.object_pose(q)
+    # From pose to pose, as long as the arm follows and is free.
     for _ in range(steps):
         T = pin.SE3(turn @ T.rotation, T.translation + step)
         q_next = holding.follow(T, way[-1])

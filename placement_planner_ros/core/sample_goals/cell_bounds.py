@@ -59,8 +59,10 @@ class _Reach:
 
     def beyond(self, placed: PlacedCells) -> Array:
         """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""
+        # How far the wrists are from the shoulders at the middle of each cell.
         wrists = self._wrists[placed.face]
         away = np.abs(placed.middles(wrists) - self._shoulders)
+        # A cell brings them nearer by its half sides, turns and rise at most.
         aside = np.maximum(away[..., :2] - placed.half[:, None], 0.0)
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
         height = np.maximum(away[..., 2] - placed.rises(wrists), 0.0)
@@ -130,6 +132,7 @@ class BranchBounds:
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         if turned.any():
             result[turned] = self._rulings_of_faces(cells[turned])
+        # Of the others, what the contacts exclude and what is out of reach.
         others = np.flatnonzero(~turned)
         placed = self.placed(cells[others])
         low, high = cells[others][:, LOWER], cells[others][:, UPPER]
@@ -142,6 +145,7 @@ class BranchBounds:
         placed = self.placed(cells)
         ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
+        # Where several hold, the last one written is told.
         result[self._overlap.overlapping(ranges)] = Ruling.COLLIDING
         result[self.required.lacking(ranges)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED

@@ -136,6 +136,7 @@ class GoalFinder:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
             candidates = self._rng.permutation(len(self.holdings)).tolist()
+        # One after the other; the first goal ends it.
         furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
             for tried, goal in self._tries(self.holdings[k], wanted, best):
@@ -144,6 +145,7 @@ class GoalFinder:
                     tries[Verdict.FEASIBLE] += 1
                     return goal
                 tries[goal] += 1
+                # Poses that break a rule are kept, to be told of.
                 if goal is Verdict.BREAKS_RULE:
                     self.rejections.against_rules.append(tried.x)
                 furthest = max(furthest, goal)
@@ -219,6 +221,7 @@ class GoalFinder:
                     motion.opening,
                 )
             furthest = max(furthest, motion)
+            # Only those whose approach was tried count.
             attempts += motion > Verdict.NO_RELEASE
             if attempts == _TRIED_CONFIGURATIONS:
                 break

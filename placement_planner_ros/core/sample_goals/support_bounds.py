@@ -62,6 +62,7 @@ class SupportBound:
 
     def unsupported(self, placed: PlacedCells) -> Mask:
         """(n,) cells at all of whose poses support is lacking, or the centre of mass beside V."""
+        # Whether the centre of mass can lie in V.
         centers = self._centers[placed.face]
         middle = placed.middles(centers)[:, 0, :2]
         within = placed.half + placed.strays(centers) + _ROUNDING_M
@@ -82,6 +83,7 @@ class SupportBound:
         assert self._polygon is not None
         shift, inside = self._polygon.least_inside(placed.face, placed.slope)
         radius = self._polygon.radii[placed.face, None]
+        # Places all over a square around the contact point.
         at, within = radius[..., None] * _DISC, np.repeat(_DISC_REACH * radius, len(_DISC), axis=1)
         found = self._supported(placed, placed.contact[:, None, :2] + at, within)
         away = shift @ _SIDES.T + inside[:, None] - within[:, :1] - _ROUNDING_M
@@ -94,8 +96,10 @@ class SupportBound:
         Args:
             middles, radii: (n, m, 2) and (n, m) of the discs, at the middle of each cell.
         """
+        # Support may be as far from the middle as disc and cell reach.
         radii = radii + np.linalg.norm(placed.half, axis=1)[:, None] + _ROUNDING_M
         found = np.zeros(radii.shape, np.bool_)
+        # Cells on one plane are looked up together.
         planes = np.column_stack([placed.height, placed.slope])
         each, of = np.unique(planes, axis=0, return_inverse=True)
         for number, (height, along_x, along_y) in enumerate(each.tolist()):
@@ -117,6 +121,7 @@ class SupportBound:
             if layer is None:
                 continue
             inside = layer.inside.astype(np.float64)
+            # What keeps a margin is that much less deep inside.
             if self._margin is not None and (keeps := self._margin + support.trim) > 0.0:
                 inside = np.minimum(inside, layer.from_end - keeps)
             fields.append((layer.origin, layer.pixel, inside))

@@ -88,12 +88,14 @@ def _sort_into_cells(
         ):  # also where a coordinate is NaN
             cell_of[i] = -1
             continue
+        # its cell, the last one where it lies on the grid's upper face
         ix = min(int((x - origin[0]) / cell_size), nx - 1)
         iy = min(int((y - origin[1]) / cell_size), ny - 1)
         iz = min(int((z - origin[2]) / cell_size), nz - 1)
         cell = (ix * ny + iy) * nz + iz
         cell_of[i] = cell
         kept += 1
+        # the first point of a cell: note its column and its layer
         if flat[cell] == 0:
             occupied += 1
             column_used[ix, iy] = True
@@ -187,6 +189,7 @@ def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) ->
         else:
             spill[spilled] = row
             spilled += 1
+    # the others follow in their old order
     for i in range(spilled):
         rows[taken + i] = spill[i]
     return taken
@@ -203,6 +206,7 @@ def _cut_cell(
         boxes: (max_boxes, 2, 3), filled; box i is that of rows[ends[i]:ends[i + 1]].
     """
     count = len(rows)
+    # one box around all of them; what is flat stays so
     _bound_points(points, rows, boxes[0])
     whole, flat = _box_volume(boxes[0], skin)
     ends[0], ends[1] = 0, count
@@ -217,12 +221,14 @@ def _cut_cell(
             volume += of_rest
             left = 0
         else:
+            # the fullest side becomes a box of its own
             taken = _cut_off(points, rest, boxes[number], skin, spill)
             _bound_points(points, rest[:taken], boxes[number])
             volume += _box_volume(boxes[number], skin)[0]
             left -= taken
         number += 1
         ends[number] = count - left
+        # the next box is around what remains
         if left > 0:
             _bound_points(points, rows[count - left :], boxes[number])
     if volume <= WORTH_CUTTING * whole:
@@ -239,6 +245,7 @@ def _boxes_of_cells(
 ) -> tuple[Index, Array, Array, Index, Rows, npt.NDArray[np.float32]]:
     """The fields of `CellBoxes`."""
     points, start, cells = bins.points, bins.start, bins.cells
+    # room for the most boxes that there can be
     room = len(cells) * max_boxes
     box_cells = np.empty((room, 3), np.int32)
     lower, upper = np.empty((room, 3)), np.empty((room, 3))
@@ -262,6 +269,7 @@ def _boxes_of_cells(
                 following[m] = m + 1
             m += 1
             first_point[m] = start[r] + ends[part + 1]
+    # the points in the order of their boxes
     for i in range(len(points)):
         for a in range(3):
             grouped[i, a] = points[ordered[i], a]
@@ -288,12 +296,15 @@ def _one_surface(
     # how far apart they are in the other directions, negative where they overlap
     gap_b = max(lower[p, b] - upper[q, b], lower[q, b] - upper[p, b])
     gap_c = max(lower[p, c] - upper[q, c], lower[q, c] - upper[p, c])
+    # whether p reaches far enough along `axis` to be no thin sheet
     overlap = upper[p, axis] - lower[p, axis] > 0.2 * cell_size
     for turn in range(2):
         flat, level, along = (b, gap_b, gap_c) if turn == 0 else (c, gap_c, gap_b)
         size_p, size_q = upper[p, flat] - lower[p, flat], upper[q, flat] - lower[q, flat]
+        # both flat in this direction, at one level, and near in the other
         if max(size_p, size_q) <= 2.0 * skin and level <= skin and along <= 0.5 * cell_size:
             return True
+        # else they must (nearly) overlap in this direction
         overlap = overlap and level <= max(skin, 0.25 * min(size_p, size_q))
     return overlap
 
@@ -327,12 +338,14 @@ def close_gaps(
                     cell[c] = cells[p, c] + (0, 1, -1)[turn // 3]
                     if cell[b] < 0 or cell[b] >= shape[b] or cell[c] < 0 or cell[c] >= shape[c]:
                         continue
+                    # any box of that cell that is of the same surface closes the gap
                     q = number_at[cell[0], cell[1], cell[2]] - 1
                     while q >= 0 and not closed:
                         closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
                         q = boxes.next[q]
                     if closed:
                         break
+                # up to the face, and never inwards
                 if closed and side > 0:
                     new_upper[p, axis] = max(face, upper[p, axis])
                 elif closed:

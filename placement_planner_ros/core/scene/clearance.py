@@ -235,6 +235,7 @@ def _runs_of_columns(
     start = np.zeros(shape[0] * shape[1] + 1, np.int64)
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        # only what lies in one of the boxes
         counts = False
         for box in boxes:
             counts = counts or (
@@ -247,9 +248,11 @@ def _runs_of_columns(
                 math.floor(x / COLUMN_M) - int(first[0]),
                 math.floor(y / COLUMN_M) - int(first[1]),
             )
+            # kept among the columns, whatever rounding does
             i, j = min(max(i, 0), shape[0] - 1), min(max(j, 0), shape[1] - 1)
             column_of[p] = i * shape[1] + j
             start[column_of[p] + 1] += 1
+    # where each column begins
     for column in range(len(start) - 1):
         start[column + 1] += start[column]
     # each behind those of its column that are already there
@@ -276,6 +279,7 @@ def _runs_of_columns(
                 own[m] = own[m - 1]
                 m -= 1
             own[m, 0], own[m, 1], own[m, 2] = x, y, z
+        # of each run the mean of x and y, its lowest and its highest point
         begin = 0
         for k in range(1, len(own) + 1):
             if k < len(own) and own[k, 2] - own[k - 1, 2] <= RUN_M:
@@ -330,6 +334,7 @@ def _joined_ends(height: Array, weight: Array, most: int) -> tuple[Array, npt.ND
             cost = weight[m] * weight[m + 1] / both * (height[m + 1] - height[m]) ** 2
             if cost < least:
                 least, k = cost, m
+        # joined at their weighted mean; those above move down by one
         both = weight[k] + weight[k + 1]
         height[k] = (weight[k] * height[k] + weight[k + 1] * height[k + 1]) / both
         weight[k] = both
@@ -398,9 +403,11 @@ def _face_distances(
             k = who[i, j]
             if k < 0:
                 continue
+            # sideways from the pixel to its run
             dx = (elements[k, 0] - i - first[0]) * pixel
             dy = (elements[k, 1] - j - first[1]) * pixel
             for face in range(2):
+                # and up to where that begins, if it is above
                 up = max(bottom[k] - faces[face], 0.0)
                 distance = math.sqrt(dx * dx + dy * dy + up * up)
                 values[i, j, face] = min(np.float32(distance), values[i, j, face])
@@ -421,6 +428,7 @@ def _raise_to_slope(values: Field, pixel: np.float32) -> None:
                 m = i - step
                 for column in range(ny):
                     j = column if step > 0 else ny - 1 - column
+                    # no lower than the neighbours swept before, less their distance
                     least = values[s, i, j, face]
                     if 0 <= m < nx:
                         least = max(least, values[s, m, j, face] - straight)
@@ -436,6 +444,7 @@ def _raise_to_slope(values: Field, pixel: np.float32) -> None:
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _slice_of(faces: Array, z: float) -> int:
     """The slice that a height lies in: the first whose upper face is above it."""
+    # bisect between the first slice and the last face
     low, high = 0, len(faces) - 1
     while low < high:
         middle = (low + high) // 2
@@ -467,12 +476,15 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
         share = (end - low) / VOXEL_M
         # below the lowest slice its lower face holds
         w = max(0.5 * (low + end) - faces[s], 0.0) / (faces[s + 1] - faces[s])
+        # at each of the four pixels, between the faces of the slice
         a = values[s, i, j, 0] * (1.0 - w) + values[s, i, j, 1] * w
         b = values[s, i, j + 1, 0] * (1.0 - w) + values[s, i, j + 1, 1] * w
         c = values[s, i + 1, j, 0] * (1.0 - w) + values[s, i + 1, j, 1] * w
         d = values[s, i + 1, j + 1, 0] * (1.0 - w) + values[s, i + 1, j + 1, 1] * w
+        # then between these along y, and along x
         near, far = a + (b - a) * v, c + (d - c) * v
         total += share * (near + (far - near) * u)
+        # beside the raster nothing changes along that axis
         if in_x:
             along_x += share * (far - near) / table.pixel
         if in_y:

@@ -259,6 +259,7 @@ def project_points(
     """
     planes, flat = _fit_planes(_cell_moments(bins, origin, size), bins, size, origin, noise)
     moved, off = _project_points(bins, planes, flat, noise, *bounds)
+    # points off every plane, and cells with too few of them around
     unexplained = np.isnan(off)
     counts = np.add.reduceat(unexplained, bins.start[:-1], dtype=np.int64)
     lone = np.repeat(lone_cells(bins, counts, min_points), np.diff(bins.start))
@@ -285,6 +286,7 @@ def _fit_planes(
     plane, center = np.empty(8), np.empty(3)
     for r in range(m):
         n = _fit_plane(_moments_around(moments, bins, size, r, 1), plane)
+        # the plane is about the centre of the cell
         for a in range(3):
             center[a] = origin[a] + (cells[r, a] + 0.5) * size
         fits = n >= PLANE_POINTS and plane[6] <= PLANE_NOISES * noise
@@ -294,8 +296,10 @@ def _fit_planes(
                 own = _moments_near_plane(bins, r, center, OUTLIER_NOISES * noise, plane)
                 if own[0] >= PLANE_POINTS:
                     _fit_plane(own, plane)
+        # so its mean is moved there
         for a in range(3):
             planes[r, a], planes[r, 3 + a] = plane[a] + center[a], plane[3 + a]
+        # its scatter counts where it is wide and thin
         if fits and plane[7] > 0.3 * size and plane[6] < 0.6 * plane[7]:
             scatter[r] = plane[6]
     # compare with what lies two cells further
@@ -320,6 +324,7 @@ def _gather_planes(bins: Bins, flat: Mask, r: int, ring: int, candidates: Rows, 
     nx, ny, nz = number_at.shape
     for i in range(-ring, ring + 1):
         for j in range(-ring, ring + 1):
+            # of inner columns only both ends are on the ring
             step = 1 if max(abs(i), abs(j)) == ring else 2 * ring
             for k in range(-ring, ring + 1, step):
                 x, y, z = cells[r, 0] + i, cells[r, 1] + j, cells[r, 2] + k
@@ -359,6 +364,7 @@ def _project_points(
                 if gathered == ring:
                     ends[ring + 1] = _gather_planes(bins, flat, r, ring, candidates, ends[ring])
                     gathered += 1
+                # the nearest plane of this ring
                 for q in candidates[ends[ring] : ends[ring + 1]]:
                     d = _off_plane(planes[q], points[p, 0], points[p, 1], points[p, 2])
                     if abs(d) < abs(distance):
@@ -366,9 +372,11 @@ def _project_points(
             if best < 0:
                 continue
             off[p] = distance
+            # onto that plane, within the bounds
             for a in range(3):
                 value = moved[p, a] - distance * planes[best, 3 + a]
                 moved[p, a] = min(max(value, lower[a]), upper[a])
+            # how many move far, and where to all together
             if abs(distance) > far:
                 outliers += 1
                 x -= distance * planes[best, 3]

@@ -142,10 +142,12 @@ def _distance_bound(
     gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)
     gaps[0] = 0.0
     slab = np.empty((max(nx, ny), nz), np.float32)
+    # along y within each plane that holds boxes, from a copy of it
     for i in range(nx):
         if plane_used[i]:
             slab[:ny] = values[i]
             _lower_lines(values[i], slab, column_used[i], gaps, cap * cap)
+    # and along x, across all planes
     for j in range(ny):
         for i in range(nx):
             slab[i] = values[i, j]
@@ -163,6 +165,7 @@ def _within_column(
     for k in range(layer, layer + len(squared)):
         # from the middle of this cell
         z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
+        # the first box that is not in a lower layer
         while near < last and cells[near, 2] < k:
             near += 1
         best = cap
@@ -209,6 +212,7 @@ def _lower_lines(
                     if float(gaps[step]) - float(gaps[step - 1]) >= above:
                         reach = step - 1
                         break
+            # lower the lines within that reach
             for step in range(1, reach + 1):
                 _lower_by(targets[source + side * step], slab[source], gaps[step])
 
@@ -264,17 +268,21 @@ def _put_levels(
     row = 0
     m = len(boxes.cells)
     for plane in range(nx + 2):
+        # the boxes of this plane, which count up to two planes away
         while row < m and boxes.cells[row, 0] - i == plane:
             _scatter_box(boxes, row, first_cell, apart, exact, nx)
             row += 1
+        # a plane is finished once that two further on has been scattered
         done = plane - 2
         if done >= 0:
             near = exact[done % 5]
             for y in range(ny):
                 _finish_line(squared[done, y], near[y, 2:], np.float32(per_metre), line)
+                # its line of levels goes into the tiles, four cells at a time
                 column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
+            # emptied for the plane that takes its place
             near[:] = beyond
 
 

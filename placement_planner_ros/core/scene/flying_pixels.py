@@ -165,9 +165,11 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
         r = math.sqrt(x * x + y * y + z * z)
         if not 0.0 < r < math.inf:  # also where a coordinate is NaN
             continue
+        # not too far from the middle of the view
         cosine = (frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z) / r
         if cosine < LEAST_COSINE:
             continue
+        # its place on the disc, and the tile that it lies in
         scale = math.sqrt(2.0 / (1.0 + cosine)) / r
         a = (frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z) * scale
         b = (frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z) * scale
@@ -181,11 +183,13 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
 def _sorted_by_bin(bin_of: Rows, bins: int) -> tuple[Rows, Rows]:
     """A counting sort: (n,) rows in the order of their bins, and (bins + 1,) where each begins."""
     start = np.zeros(bins + 1, np.int64)
+    # how many each bin holds, then where each begins
     for own in bin_of:
         start[own + 1] += 1
     for b in range(bins):
         start[b + 1] += start[b]
     rows, fill = np.empty(len(bin_of), np.int64), start[:-1].copy()
+    # each behind those of its bin that are already there
     for p in range(len(bin_of)):
         rows[fill[bin_of[p]]] = p
         fill[bin_of[p]] += 1
@@ -197,6 +201,7 @@ def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
     """Into `near` the other points within so many pixels of point p; returns how many."""
     a, b = seen.at[p, 0], seen.at[p, 1]
     nx, ny = seen.start.shape[0], seen.start.shape[1] - 1
+    # the bins that the square around the point reaches into
     j0 = int(max(b - reach, 0.0) / BESIDE_PIXELS)
     j1 = min(int((b + reach) / BESIDE_PIXELS) + 1, ny)
     i0 = int(max(a - reach, 0.0) / BESIDE_PIXELS)
@@ -217,10 +222,12 @@ def _off_line(seen: SeenPixels, p: int, q: int, o: int) -> float:
 
     Infinite where q is not in the middle between p and o, or too steeply seen.
     """
+    # from p to q, and how far o is from twice that
     u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
     s, t = seen.at[o, 0] - seen.at[p, 0] - 2.0 * u, seen.at[o, 1] - seen.at[p, 1] - 2.0 * v
     if s * s + t * t > STRAIGHT_PIXELS * STRAIGHT_PIXELS:
         return math.inf
+    # metres from p to q across the line of sight
     aside = math.sqrt(u * u + v * v) * seen.pitch * seen.range[p]
     if abs(seen.range[q] - seen.range[o]) > STEEPEST * aside:
         return math.inf
@@ -279,6 +286,7 @@ def _in_piece(seen: SeenPixels, p: int, tolerance: float, piece: Rows) -> bool:
                     or u * u + v * v > BESIDE_PIXELS * BESIDE_PIXELS
                 ):
                     continue
+                # one more of the piece, unless it is in it already
                 known = False
                 for n in range(count):
                     known = known or piece[n] == q
@@ -296,6 +304,7 @@ def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows
     count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + STRAIGHT_PIXELS, near)
     for i in range(count):
         q = near[i]
+        # over one of the 8 neighbours that stays
         u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
         if u * u + v * v > BESIDE_PIXELS * BESIDE_PIXELS or not alive[q]:
             continue

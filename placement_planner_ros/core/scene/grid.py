@@ -201,6 +201,7 @@ class ObstacleSet:
             top[self.barred] = np.inf
         if slope == LEVEL or not len(top):
             return top
+        # the highest corner of each box, seen along the slope
         falls = -np.array(slope)
         result = top + np.maximum(self.lower[:, :2] * falls, self.upper[:, :2] * falls).sum(axis=1)
         rows = np.flatnonzero(np.diff(self.first_point))  # in the others nothing was measured
@@ -237,6 +238,7 @@ class ObstacleSet:
         known = np.flatnonzero(above[:, 2] < self.shape[2])
         rows = self.number_at[tuple(above[known].T)] - 1
         while (rows >= 0).any():
+            # box after box of the cell above, until none is left
             known, rows = known[rows >= 0], rows[rows >= 0]
             covers = (self.lower[rows, :2] <= lower[known, :2] + ROUNDING).all(axis=1)
             covers &= (self.upper[rows, :2] >= upper[known, :2] - ROUNDING).all(axis=1)
@@ -261,6 +263,7 @@ class ObstacleSet:
             CloudError: it has more cells than `max_cells`.
         """
         size, (low, high) = self.cell_size, self.bounds
+        # whole cells to be added before and after
         before = np.maximum(np.ceil((low - lower) / size), 0.0).astype(np.int64)
         after = np.maximum(np.ceil((upper - high) / size), 0.0).astype(np.int64)
         if not (before.any() or after.any()):
@@ -291,6 +294,7 @@ class ObstacleSet:
         number_at = np.zeros(self.shape, np.int32)
         ordered = together[order]
         held = np.concatenate([np.diff(self.first_point), np.zeros(len(cells), np.int64)])
+        # the first box of each cell, and the next of each box
         first = np.ones(len(order), np.bool_)
         first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
         following = np.arange(1, len(order) + 1, dtype=np.int32)
@@ -355,6 +359,7 @@ def _cleaned_bins(
     """Drop flying pixels and, in a noisy cloud, project the points; these and the noise, metres."""
     size = settings.cell_size
     counts = np.diff(bins.start)
+    # in a sparse cloud no point counts as lone
     min_points = settings.min_points if np.median(counts) >= 4 else 0
     noise = denoising.estimate_noise(bins, origin, size)
     if noise > settings.noise_floor:

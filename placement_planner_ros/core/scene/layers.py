@@ -142,6 +142,7 @@ class SlopeCloud:
         if len(near) == 0:
             return np.zeros((0, 2)), np.zeros(0), 0
         corner = near.min(axis=0) - 2.0 * self.cell_size
+        # their columns of cells, and those beside
         cells = ((near - corner) / self.cell_size).astype(np.int64)
         columns = np.zeros(cells.max(axis=0) + 3, np.bool_)
         columns[tuple(cells.T)] = True
@@ -183,6 +184,7 @@ class _Sight:
         if self._from <= height:
             return np.zeros((0, 2))
         rows = slice(self._heights.searchsorted(below))
+        # where on the way from the sensor to its end a ray crosses the height
         share = (self._from - height) / (self._from - self._heights[rows])
         return self._origin + share[:, None] * (self._ends[rows] - self._origin)
 
@@ -194,6 +196,7 @@ def _with_corners(gap: Field, narrow: float) -> Field:
     which of wide holes counts as that of a disc of `narrow`. What reaches the rim of the
     raster is no hole.
     """
+    # gaps that do not reach the rim of the raster are holes
     labels, _ = label(gap > 0.0, structure=np.ones((3, 3)))
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     hole = (labels > 0) & ~np.isin(labels, rim)
@@ -224,6 +227,7 @@ def _sorted_by_height(
             if 0 <= step < steps:
                 step_of[p] = step
                 start[step + 1] += 1
+    # where each step begins
     for step in range(steps):
         start[step + 1] += start[step]
     # each behind those of its step that are already there
@@ -272,13 +276,16 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
         tolerance: m by which what carries may be above or below.
     """
     noise = cloud.noise
+    # how far off the height points may be, and tops, with their noise
     band = tolerance + 0.5 * LAYER_STEP_M + SCATTER_NOISES * noise
     reach = tolerance + 0.5 * LAYER_STEP_M + 0.5 * noise
     on, heights, tops = cloud.on_surface(height, reach, band)
     if len(on) == 0:
         return None
+    # what rises from there, above the band
     rise_from = max(band, RISE_FROM_M)
     over = cloud.over(height + rise_from, height + rise_from + RISE_TO_M - RISE_FROM_M)
+    # about how far points are apart, and pixels that suit that
     spacing = cloud.cell_size * math.sqrt(tops / len(on))
     low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)

@@ -234,6 +234,7 @@ def _find_planes(
     free = free_tops(obstacles.arrays, headroom, tolerance)
     used = np.asarray(near & free)
     fits = _local_fits(obstacles.arrays, means, used, max(_SHEET, tolerance))
+    # planes grow from where the fit is best
     order = np.argsort(fits[:, 3], kind="stable")
     order = order[np.isfinite(fits[order, 3])]
     label, moments = _grow_planes(
@@ -345,12 +346,14 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
 def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
     """Slope and scatter of the plane of ten moments (see `_plane`); whether there is one."""
     number = moments[0]
+    # variances and covariances of x, y and z
     xx, xy, yy = moments[4] / number, moments[5] / number, moments[6] / number
     xz, yz, zz = moments[7] / number, moments[8] / number, moments[9] / number
     # none where the points are almost in line
     det = xx * yy - xy * xy
     if det <= 1e-3 * (xx + yy) ** 2:
         return 0.0, 0.0, math.inf, False
+    # the slope by least squares, and the deviation that is left
     gx, gy = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
     return gx, gy, math.sqrt(max(zz - gx * xz - gy * yz, 0.0)), True
 
@@ -363,6 +366,7 @@ def _add_moment(moments: Array, x: float, y: float, z: float) -> None:
     moments[1] += dx / moments[0]
     moments[2] += dy / moments[0]
     moments[3] += dz / moments[0]
+    # products of how far it is from the old mean and from the new one
     ex, ey, ez = x - moments[1], y - moments[2], z - moments[3]
     moments[4] += dx * ex
     moments[5] += dx * ey

@@ -100,6 +100,7 @@ def pixel_sums(at: Array, heights: Array, shape: tuple[int, int]) -> Array:
     sums = np.zeros((5 if len(heights) else 3, *shape))
     sums[4:] = -np.inf
     for p in range(len(at)):
+        # the pixel whose centre is nearest
         i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
         sums[0, i, j] += 1.0
         sums[1, i, j] += at[p, 0]
@@ -190,6 +191,7 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
     sure = 0.5
     for k in range(len(elements)):
         sure = min(sure, 0.5 - elements[k, 3])
+    # over all rows there, and back
     for sweep in range(2):
         step = 1 - 2 * sweep
         for row in range(nx):

@@ -111,6 +111,7 @@ class Region:
     def sample(self, rng: np.random.Generator) -> Array:
         """(3,) a point on the region, uniform by area."""
         pick, across, along = rng.random(3)
+        # a rectangle by its area, then a place in it
         last = len(self.share) - 1
         k = min(int(self.share.searchsorted(pick * self.share[last], side="right")), last)
         x0, y0, x1, y1 = self.rectangles[k]
@@ -137,6 +138,7 @@ class RegionPoints:
     def sample(self, picked: npt.NDArray[np.int64], rng: np.random.Generator) -> Array:
         """(n, 3) a point on each of the regions picked (n,), uniform by area."""
         pick, across, along = rng.random((3, len(picked)))
+        # a rectangle of the region picked, then a place in it
         row = np.minimum(self._ends.searchsorted(picked + pick, "right"), self._last[picked])
         x0, y0, x1, y1 = self._rectangles[row].T
         points = np.empty((len(picked), 3))
@@ -161,6 +163,7 @@ def regions_of_layer(
     Args:
         trim: m to be kept from where the surface ends.
     """
+    # surface at that height, away from its ends and from what rises
     level = np.abs(layer.surface - height) <= settings.height_tolerance
     mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.risen
     # what slopes may lie in V in part
@@ -176,6 +179,7 @@ def regions_of_layer(
         tiles = list(_tiles_of(bounds, settings.max_side / layer.pixel))
         for tile in tiles:
             of_tile, parts = labels[tile] == piece, 1
+            # a tile may cut a piece into several parts
             if len(tiles) > 1:
                 of_tile, parts = label(of_tile, np.ones((3, 3)))
             for part in range(1, parts + 1):

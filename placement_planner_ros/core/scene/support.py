@@ -93,6 +93,7 @@ class SupportMap:
             if tolerance not in self._stacks:
                 known = {s: n for (s, of), n in self._numbers.items() if of == tolerance}
                 low, high = min(known, default=0), max(known, default=0)
+                # the layer of every height from the lowest to the highest known
                 number = np.full(high - low + 1, NOT_MADE, np.int32)
                 for step, layer in known.items():
                     number[step - low] = layer
@@ -122,11 +123,13 @@ class SupportMap:
         left = np.sort(self.tops[inside, 2])
         found: list[float] = []
         while len(left) and len(found) < MOST_HEIGHTS:
+            # how many tops lie no more than twice the tolerance above each
             last = np.searchsorted(left, left + 2.0 * tolerance, side="right")
             many = last - np.arange(len(left))
             first = int(np.argmax(many))
             if many[first] < FEWEST_TOPS:
                 break
+            # the median of the most is a height; what is near it is used up
             found.append(float(np.median(left[first : last[first]])))
             left = left[np.abs(left - found[-1]) > tolerance + self.noise]
         return found
@@ -174,6 +177,7 @@ class SupportMap:
         keeps = 0.0 if margin is None else margin + self.trim
         above = np.ascontiguousarray(self.above(points), dtype=np.float64)
         groups = np.arange(len(points) + 1) if first is None else first
+        # again after each layer that was missing, until none is
         while True:
             result, missing = _surface_gaps(above, groups, tolerance, keeps, self._stack(tolerance))
             if math.isnan(missing):
@@ -212,6 +216,7 @@ class SupportMap:
             planes: (n, 3) of which the last two are by how much more that is along the axes.
             tolerance: m above the contact plane up to which it does.
         """
+        # as in `gaps`, again after each layer that was missing
         while True:
             stack = self._stack(tolerance)
             found, missing = _rising_surfaces(
@@ -243,6 +248,7 @@ class SupportMap:
             return self.noise
         held = (largest.inside > 0.0) & np.isfinite(largest.surface)
         known = np.where(held, largest.surface, np.nan)
+        # how much the surface bends over places one tile apart
         lag = round(TILE_M / largest.pixel)
         bends = [
             np.abs(along[lag:-lag] - 0.5 * (along[: -2 * lag] + along[2 * lag :])).ravel()
@@ -252,6 +258,7 @@ class SupportMap:
         found = found[np.isfinite(found)]
         if len(found) == 0:
             return self.noise
+        # a - (b + c) / 2 deviates √1.5 times as much as one height
         deviation = 1.4826 * float(np.median(found)) / math.sqrt(1.5)
         return min(self.noise, SURE * deviation)
 
@@ -290,6 +297,7 @@ def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
     i, j = int(u), int(v)
     u -= i
     v -= j
+    # along y in both rows of pixels, then along x
     row = start + i * ny + j
     near = field[row] * (1.0 - v) + field[row + 1] * v
     far = field[row + ny] * (1.0 - v) + field[row + ny + 1] * v
@@ -302,6 +310,7 @@ def _surface_gaps(
 ) -> tuple[Array, float]:
     """`SupportMap.gaps`, and a height whose layer must be made before; NaN where all are there."""
     result = np.full(len(points), np.nan)
+    # a group ends at its first point without support
     for group in range(len(first) - 1):
         for p in range(first[group], first[group + 1]):
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -346,17 +355,20 @@ def _rising_surfaces(
             x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
             y = T[1, 0] * a + T[1, 1] * b + T[1, 3]
             z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
+            # the layer of that height, which may have to be made first
             step = round(z / LAYER_STEP_M) - stack.low
             if step < 0 or step >= len(stack.number) or stack.number[step] == NOT_MADE:
                 return found, z
             if stack.number[step] == EMPTY:
                 continue
             layout = stack.layout[stack.number[step]]
+            # the pixel that is nearest
             i, j = round((x - layout[0]) / layout[2]), round((y - layout[1]) / layout[2])
             if not (0 <= i < layout[3] and 0 <= j < layout[4]):
                 continue
             # how far the highest point around it is above
             above = stack.top[int(layout[5] + i * layout[4]) + j] - z
+            # above the height from which it counts there, within the tolerance
             if low[n] + planes[n, 1] * a + planes[n, 2] * b < above <= tolerance:
                 found[n] = True
                 break

@@ -158,6 +158,7 @@ class SeenSpace:
         In V and up to `CEILING_M` above it, all that is unseen; further away from V, what something
         measured hides; nothing beyond these cells.
         """
+        # cells that no sensor looked into
         cells = np.floor((points - self.origin) / self.measured.cell_size).astype(np.int64)
         rows = np.flatnonzero(self._within(cells))
         rows = rows[self.state[tuple(cells[rows].T)] == UNSEEN]
@@ -249,6 +250,7 @@ class SeenSpace:
     def _clear_robot(self, unknown: Mask, outside_robot: OutsideRobot) -> None:
         """Unset cells that are not wholly outside the robot."""
         size = self.measured.cell_size
+        # blocks of cells near the robot, then those of their cells that are
         blocks = np.indices([-(-n // _BLOCK) for n in self.shape]).reshape(3, -1).T
         centers = self.origin + (blocks + 0.5) * _BLOCK * size
         near = blocks[~outside_robot(centers, math.sqrt(0.75) * _BLOCK * size)]
@@ -281,6 +283,7 @@ def _points_towards(
                 first, final = max(first, high / along), min(final, low / along)
             elif not low <= 0.0 <= high:  # also where a coordinate is NaN
                 final = -1.0
+            # also where a coordinate is infinite
             if not math.isfinite(along):
                 final = -1.0
         # it ends at its point, or where it leaves the box before
@@ -305,6 +308,7 @@ def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: 
     cells = free.reshape(-1)
     ends = np.zeros(cells.size, np.uint8)  # the eighths of each cell in which a line has ended
     exits = np.zeros(cells.size, np.uint8)  # ... and through which one has left the grid
+    # where the sensor is, in cells
     start = (sensor - origin) / size
     along = np.empty(3)
     step = np.empty(3, np.int64)
@@ -337,6 +341,7 @@ def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: 
         if done[end] >> eighth & 1:
             continue
         done[end] |= 1 << eighth
+        # the last cell is free, too, where the line leaves the grid there
         _walk_cells(cells, cell, left, step, crossing, between)
         if final < 1.0:
             cells[end] = True
@@ -362,6 +367,7 @@ def _within_grid(
     first, final = 0.0, 1.0
     for a in range(3):
         along[a] = (point[a] - sensor[a]) / size
+        # where the line crosses the two ends of the grid
         if along[a] != 0.0:
             low, high = -start[a] / along[a], (shape[a] - start[a]) / along[a]
             first, final = max(first, min(low, high)), min(final, max(low, high))
@@ -448,8 +454,10 @@ def _surface_cells(unknown: Mask, goes_on: Mask) -> Cells:
     enclosed = unknown.copy()
     for axis in range(3):
         along, inner = np.moveaxis(unknown, axis, 0), np.moveaxis(enclosed, axis, 0)
+        # enclosed is what is set on both sides along every axis
         inner[1:] &= along[:-1]
         inner[:-1] &= along[1:]
+        # and at an end of the grid where no space goes on
         for end in range(2):
             inner[-end] &= not goes_on[axis, end]
     return np.argwhere(unknown & ~enclosed).astype(np.int32)

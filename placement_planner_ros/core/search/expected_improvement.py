@@ -168,6 +168,7 @@ class ImprovementModel:
     def _count_try(self, number: int, verdict: Verdict) -> None:
         weight = 1.0
         self._outlooks.clear()
+        # From the node up to its face, with ever less weight.
         while number >= 0:
             node = self._nodes[number]
             node.tries += weight
@@ -203,9 +204,11 @@ class ImprovementModel:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of
         the cell above, and (n,) how often it is free and better."""
         kinds = state[:, KIND].astype(np.int64)
+        # How often parts of such cells were free.
         free = self._free[depths, kinds] / self._drawn[depths, kinds]
         scales = np.minimum(state[:, SCALE].astype(np.int64) + 1, _DEEPEST)
         spread = self._spread[scales]
+        # Expected improvement, with ξ of parts normally distributed.
         z = (state[:, VALUE] - self._reference(best)) / spread
         better = ndtr(z)
         gain = spread * (z * better + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))

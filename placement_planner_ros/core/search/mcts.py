@@ -104,6 +104,7 @@ class MctsSampler(BatchSampler):
             self.tree.release(node)
         samples = zip(outcome.verdicts.tolist(), outcome.values.tolist(), strict=True)
         for k, (verdict, value) in enumerate(samples):
+            # A leaf is rewarded where it is feasible, others by the checks passed.
             if self.tree.is_leaf(self._selected[k]):
                 reward, demoted = float(verdict == Verdict.FEASIBLE), 0.0
             else:

@@ -145,6 +145,7 @@ class OptimisticSampler(BatchSampler):
     def _begin_round(self, refine: bool, best: float = -np.inf) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
         share = self._settings.uniform_share
+        # Parts of the best cells, and the uniform samples beside them.
         parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
         count = round(finer * share / (1.0 - share)) if finer else self._budget.batch
@@ -152,9 +153,11 @@ class OptimisticSampler(BatchSampler):
         parts.append((coarse, self._model.coarse([self._node_of(cell) for cell in coarse])))
         self._cells = np.concatenate([cells for cells, _ in parts])
         self._state = np.concatenate([state for _, state in parts])
+        # A pose in each part; uniform ones stay as they were drawn.
         low, high = self._cells[:, LOWER], self._cells[:, UPPER]
         self._poses = low + self._rng.random((len(low), 3)) * (high - low)
         self._poses[finer:] = drawn
+        # In random order, so that both kinds are mixed.
         self._keep(self._rng.permutation(len(low)))
 
     def _node_of(self, cell: Array) -> int:
@@ -167,6 +170,7 @@ class OptimisticSampler(BatchSampler):
     def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 7) of n uniform poses, and these (n, 3) as x, y, θ."""
         sets, poses = self._uniform.draw(count)
+        # The coarse cell that each pose lies in.
         low, high = self._sets.low[sets], self._sets.high[sets]
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
@@ -181,6 +185,7 @@ class OptimisticSampler(BatchSampler):
         cells, state = self._take(best)
         parts, state = halved_cells(cells), np.repeat(state, PARTS, axis=0)
         state[:, DEPTH] += 1.0
+        # Only where the sample was outside, unsupported or in collision.
         doubtful = state[:, KIND] < LACKING
         if self._bounds is None or not doubtful.any():
             return parts, state
@@ -191,6 +196,7 @@ class OptimisticSampler(BatchSampler):
     def _take(self, best: float) -> tuple[Array, Array]:
         """The most promising cells (n, 7), and what is known of them (n, 6)."""
         best = self._aim(best)
+        # Rank anew where the aim has changed, or the samples have doubled.
         if best != self._ranked_for or self.count.samples > 2 * self._ranked_at:
             if self.count.samples > 2 * self._ranked_at:
                 self._model.forget()
@@ -200,6 +206,7 @@ class OptimisticSampler(BatchSampler):
         states: list[Array] = []
         while len(cells) < _AT_ONCE and (found := self._filed.take()) is not None:
             cell, state = found
+            # A coarse cell is split once only; another becomes a node.
             if state[DEPTH] == 0:
                 name = cell.tobytes()
                 if name in self._split:
@@ -215,6 +222,7 @@ class OptimisticSampler(BatchSampler):
         """ξ that is to be improved on: ξ_best, or that of the best goal which waits for its motion;
         one that waited in vain is given up."""
         latest = self.count.samples - _PATIENCE
+        # Goals that waited for too long count as tries that failed.
         for value, found_at, node in self._waiting:
             if value > best and found_at < latest:
                 self._model.lose(node)
@@ -238,8 +246,10 @@ class _Cells:
 
     def add(self, cells: Array, state: Array, best: float) -> None:
         """File cells (n, 7) with what is known of them (n, 6)."""
+        # What each promises, beside what is known of it.
         rows = np.column_stack([cells, state, *self._model.promise(state, best)])
         first, end = self._count, self._count + len(rows)
+        # Twice the room where all is used.
         if end > len(self._rows):
             room = np.empty((end, self._rows.shape[1]))
             self._rows = np.concatenate([self._rows[:first], rows, room])

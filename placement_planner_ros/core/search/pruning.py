@@ -128,11 +128,13 @@ class Remainder:
         Args:
             samples: tried so far.
         """
+        # What cannot be above the new least is dropped.
         if least > self._least:
             self._least = least
             self._open = [each for each in self._open if -each[0] > least]
             heapq.heapify(self._open)
         budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
+        # Then the most promising cells are taken apart, within the budget.
         while self._open and self._judged < budget and len(self._open) < MAX_CELLS:
             cells, most = self._taken_apart()
             if len(cells):
@@ -142,11 +144,13 @@ class Remainder:
     def _taken_apart(self) -> tuple[Array, Array]:
         """(n, 7) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
         ones."""
+        # Halve the first cells; their bounds hold for both parts.
         number = min(_CELLS_AT_ONCE, len(self._open))
         taken = [heapq.heappop(self._open) for _ in range(number)]
         parts = bisected_cells(np.array([cell for _, _, cell in taken]), self._bounds.turn_radius)
         most = np.repeat([-bound for bound, _, _ in taken], 2)
         self._judged += len(parts)
+        # Keep what is not ruled out, and note why the rest is.
         rulings = self._bounds.rulings(parts)
         self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
         is_open = rulings == Ruling.OPEN

@@ -195,6 +195,7 @@ class SearchTree(Generic[N]):
         """
         node, depth = 0, 0
         while True:
+            # Down as far as the tree goes, in one compiled call.
             node, depth, add = _descend_tree(
                 node,
                 depth,
@@ -213,6 +214,7 @@ class SearchTree(Generic[N]):
                         "hierarchy", self._payload[node], "has no children to choose from"
                     )
                 return node
+            # Add a child, and go on from there.
             if self._added[node] < self._total[node]:
                 node = self._add_child(node)
                 depth += 1
@@ -236,9 +238,11 @@ class SearchTree(Generic[N]):
         if value <= self._threshold:
             value = -np.inf
         _propagate_reward(node, 1, reward, self._parent, self._visits, self._rewards)
+        # Remember what the reward becomes once ξ_best rises to the value.
         if value > -np.inf and reward != demoted:
             record = (value, next(self._record_count), node, demoted - reward)
             heapq.heappush(self._records, record)
+            # Where there are too many, the lowest is demoted early.
             if len(self._records) > self._max_nodes:
                 self._demote(heapq.heappop(self._records))
 
@@ -252,14 +256,17 @@ class SearchTree(Generic[N]):
         _propagate_reward(record[2], 0, record[3], self._parent, self._visits, self._rewards)
 
     def _add_child(self, node: int) -> int:
+        # The children that are not in the tree yet.
         waiting = self._waiting.get(node)
         if waiting is None:
             waiting = self._waiting[node] = list(range(int(self._total[node])))
+        # One of them at random, swapped to the end to be taken from there.
         pick = int(self._rng.integers(len(waiting)))
         waiting[pick], waiting[-1] = waiting[-1], waiting[pick]
         child = self._new_node(self._hierarchy.child(self._payload[node], waiting.pop()), node)
         if not waiting:
             del self._waiting[node]
+        # It comes before its siblings.
         self._next_sibling[child] = self._first_child[node]
         self._first_child[node] = child
         self._added[node] += 1
@@ -267,6 +274,7 @@ class SearchTree(Generic[N]):
 
     def _new_node(self, payload: N, parent: int) -> int:
         node = len(self._payload)
+        # Twice the room where all is used.
         if node == len(self._parent):
             self._allocate(2 * node)
         self._payload.append(payload)

@@ -48,6 +48,7 @@ class UniformPoses:
 
     def draw(self, count: int) -> tuple[Index, Array]:
         """(n,) pose sets, and (n, 3) places in them."""
+        # A pose set by its share, a point on its region, a turn within its range.
         share, turn = self._rng.random((2, count))
         sets = self._ends.searchsorted(share * self._ends[-1], "right")
         places = self._points.sample(self._sets.region[sets], self._rng)

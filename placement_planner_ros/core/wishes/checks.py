@@ -41,6 +41,7 @@ def check_pose_value(name: str, value: Sequence[float]) -> None:
         raise ParameterError(
             name, list(value), f"give a place within {_FARTHEST_POSE_M:g} m of the origin"
         )
+    # Without a pose there is nothing wrong with its length.
     length = float(np.linalg.norm(value[3:])) if len(value) else 1.0
     if not abs(length - 1.0) < _UNIT_LENGTH_TOLERANCE:
         raise ParameterError(
@@ -54,6 +55,7 @@ def check_boxes(name: str, value: Sequence[float]) -> None:
         raise ParameterError(name, list(value), f"give six numbers per box, not {len(value)}")
     if len(value) > 6 * MAX_BOXES:
         raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_BOXES} at most")
+    # Corners are finite, the lower one first.
     for number, box in enumerate(np.array(value, dtype=np.float64).reshape(-1, 6)):
         if not (np.isfinite(box).all() and (box[3:] > box[:3]).all()):
             raise ParameterError(

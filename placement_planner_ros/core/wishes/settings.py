@@ -104,18 +104,21 @@ class WishSettings(Settings):
         Raises:
             ParameterError: lengths differ, or a term needs `near_pose`.
         """
+        # One weight for each term, or none.
         if self.weights and len(self.weights) != len(self.terms):
             raise ParameterError(
                 "objective_weights",
                 list(self.weights),
                 f"give one for each of the {len(self.terms)} objective_terms, or none",
             )
+        # One number for each requirement.
         if len(self.at_least) != len(self.required):
             raise ParameterError(
                 "require_at_least",
                 list(self.at_least),
                 f"give one number for each of the {len(self.required)} require_terms",
             )
+        # Terms that need a pose, and those named twice.
         for name, given in (("objective_terms", self.terms), ("require_terms", self.required)):
             if not self.near_pose and {"near", "turn"} & set(given):
                 raise ParameterError(name, list(given), "near and turn need near_pose; give it")

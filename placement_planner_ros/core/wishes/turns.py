@@ -59,6 +59,7 @@ class Turns:
         """(n,) rad between `up` and the vertical of objects turned by (n, 3, 3); 0 without it."""
         if self._up is None:
             return np.zeros(len(rotations))
+        # Where `up` points, as an angle from the vertical.
         pointing = rotations @ self._up
         return np.asarray(np.arctan2(np.hypot(pointing[:, 0], pointing[:, 1]), pointing[:, 2]))
 
@@ -67,9 +68,11 @@ class Turns:
         of objects turned by (n, 3, 3); 0 without it."""
         if self._front is None:
             return np.zeros(len(rotations))
+        # Where `front` faces, and the azimuth from where it should, at most half a turn.
         facing = rotations @ self._front
         azimuth = np.arctan2(facing[:, 1], facing[:, 0]) - self.settings.front_direction
         away = np.abs(np.remainder(azimuth + math.pi, FULL_TURN) - math.pi)
+        # Too near to the vertical it faces nowhere.
         away[np.hypot(facing[:, 0], facing[:, 1]) < math.sin(VERTICAL)] = math.inf
         return np.asarray(away)
 
@@ -78,6 +81,7 @@ class Turns:
         if self._up is None:
             return 0.0
         _, _, up = _turned_coordinates(upright(slope), self._to_face[face] @ self._up)
+        # The greatest z that it has as the object turns.
         return math.acos(min(float(up[0] + math.hypot(up[1], up[2])), 1.0))
 
     def _ranges(self, face: int, slope: Slope) -> Ranges:
@@ -85,9 +89,11 @@ class Turns:
         all of them: ((0, 2π),)."""
         to_normal, to_face = upright(slope), self._to_face[face]
         ends: list[float] = []
+        # Where `up` leans by just its tolerance.
         if self._up is not None:
             _, _, up = _turned_coordinates(to_normal, to_face @ self._up)
             ends += _angles_of_value(up, math.cos(self.settings.up_tolerance + _ANGLE_ROUNDING_RAD))
+        # Where `front` is off by just its tolerance, or begins to face nowhere.
         if self._front is not None:
             x, y, z = _turned_coordinates(to_normal, to_face @ self._front)
             for sign in (-1.0, 1.0):
@@ -101,16 +107,19 @@ class Turns:
         """Of the arcs between angles in ascending order, from 0 on, those that keep the rules,
         joined."""
         ends = [*ends, FULL_TURN]
+        # Between two ends the rules are kept everywhere or nowhere.
         middles = np.array([0.5 * (a + b) for a, b in itertools.pairwise(ends)])
         kept = self.kept(to_normal @ _about_z(middles) @ to_face)
         found: list[tuple[float, float]] = []
         for (low, high), keeps in zip(itertools.pairwise(ends), kept.tolist(), strict=True):
             if not keeps:
                 continue
+            # It continues the arc before, or is another one.
             if found and found[-1][1] == low:
                 found[-1] = found[-1][0], high
             else:
                 found.append((low, high))
+        # The last arc goes on over θ = 0 into the first.
         if len(found) > 1 and found[0][0] == 0.0 and found[-1][1] == FULL_TURN:
             found[-1] = found[-1][0], FULL_TURN + found.pop(0)[1]
         return tuple(found)
@@ -127,6 +136,7 @@ def _turned_coordinates(to_normal: Array, direction: Array) -> Array:
     """(3, 3) of each coordinate of R_n R_z(θ) d: its constant, and what comes with cos θ and
     sin θ."""
     dx, dy, dz = direction
+    # Turned about z in parts, and these tilted with the plane.
     along_cos, along_sin = np.array([dx, dy, 0.0]), np.array([-dy, dx, 0.0])
     constant = np.array([0.0, 0.0, dz])
     return np.asarray(np.stack([constant, along_cos, along_sin]) @ to_normal.T).T
@@ -135,6 +145,7 @@ def _turned_coordinates(to_normal: Array, direction: Array) -> Array:
 def _angles_of_value(terms: Array, value: float) -> list[float]:
     """The angles in [0, 2π) at which a + b cos θ + c sin θ is that value, of (3,) terms."""
     constant, along_cos, along_sin = terms.tolist()
+    # a + r cos(θ - middle) has the value twice, or not at all.
     size = math.hypot(along_cos, along_sin)
     if size < 1e-12 or abs(value - constant) > size:
         return []
