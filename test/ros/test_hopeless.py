@@ -216,7 +216,14 @@ SITUATIONS = {
         "let the object meet something",
     ),
     "a grasp that always collides": Situation(
-        Inputs({**PLATE, "left.grasps": poses(SIDEWAYS)}),
+        # Far from the table's ends, beside which the hand may be lower.
+        Inputs(
+            {
+                **PLATE,
+                "left.grasps": poses(SIDEWAYS),
+                "target_volume": [0.36, 0.0, -0.05, 0.46, 0.2, 0.2],
+            }
+        ),
         "NO_SOLUTION",
         "left.grasps",
         with_parameters(left__grasps=poses(FROM_ABOVE)),

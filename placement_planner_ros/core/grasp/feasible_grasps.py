@@ -75,7 +75,7 @@ def usable_holdings(
                 continue
             # Whether q_0 is free with the object held so.
             holding = Holding(moving, held, obstacles, open_hand, settings, aside)
-            fault = placed.leans(arm, grasp)
+            fault = placed.leans(arm, grasp) or placed.in_zones(arm, grasp)
             if fault is None and not holding.collision.free(holding.q_start):
                 # What is not certain to be free may be so close to the margin that coal calls it
                 # free.

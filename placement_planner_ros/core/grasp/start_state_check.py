@@ -194,25 +194,35 @@ class StartState:
 
     def of_arm(self, arm: Arm) -> Fault | None:
         """What is wrong with the arm wherever the object is held; None where nothing."""
-        joints = _carrying_joints(self._robot, arm)
-        moved = [
-            (self._robot.geometry_links[i], i, self._places[i])
-            for i in np.flatnonzero(joints >= 0).tolist()
-        ]
-        return beyond_limits(arm, self._q) or self._met_itself(joints) or self._met_boxes(moved)
+        joints, moved = _carrying_joints(self._robot, arm), self._moved_by(arm)
+        met = beyond_limits(arm, self._q) or self._met_itself(joints)
+        return met or self._met_zones(moved) or self._met_boxes(moved)
 
     def of_grasp(self, arm: Arm, grasp: int) -> Fault | None:
         """What is wrong with how the object is held: it leans, or meets a link that is not of the
         hand, or the environment."""
         T = self._object_at(arm, grasp)
-        things = [(HELD_OBJECT, j, T) for j in self._solids]
-        link = self._met_by_object(arm, T)
+        things, link = self._held_at(T), self._met_by_object(arm, T)
         words = f"in self-collision: {HELD_OBJECT} meets {link}"
         return (
             self.leans(arm, grasp)
             or (Fault(words, (CHECK_GRASP, MOVE_ROBOT)) if link else None)
+            or self._met_zones(things)
             or self._met_boxes(things)
         )
+
+    def in_zones(self, arm: Arm, grasp: int) -> Fault | None:
+        """What of arm and held object is in a box to keep out of, whose sides may be far away."""
+        things = self._held_at(self._object_at(arm, grasp))
+        return self._met_zones([*self._moved_by(arm), *things])
+
+    def _moved_by(self, arm: Arm) -> list[_Thing]:
+        """The geometries that the arm moves."""
+        moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
+        return [(self._robot.geometry_links[i], i, self._places[i]) for i in moved]
+
+    def _held_at(self, T: pin.SE3) -> list[_Thing]:
+        return [(HELD_OBJECT, j, T) for j in self._solids]
 
     def leans(self, arm: Arm, grasp: int) -> Fault | None:
         """By how much more than it may the held object leans."""
@@ -322,15 +332,19 @@ class StartState:
                     return link
         return ""
 
+    def _met_zones(self, things: list[_Thing]) -> Fault | None:
+        """Which of the things is in a box to keep out of."""
+        zones, margin = self._rules.keep_out, self._rules.collision.collision_margin
+        met = self._first_met(zones[:, 0], zones[:, 1], things, margin) if zones is not None else ""
+        if not met:
+            return None
+        words = met.replace("the environment", "a box of keep_out")
+        remedies = "make the boxes of keep_out smaller", MOVE_ROBOT
+        return Fault(f"q_0 is not free: {words}", remedies)
+
     def _met_boxes(self, things: list[_Thing]) -> Fault | None:
-        """Which of the things is in a box to keep out of, or meets the environment."""
+        """Which of the things meets the environment."""
         rules, margin = self._rules, self._rules.collision.collision_margin
-        if rules.keep_out is not None:
-            met = self._first_met(rules.keep_out[:, 0], rules.keep_out[:, 1], things, margin)
-            if met:
-                words = met.replace("the environment", "a box of keep_out")
-                remedies = "make the boxes of keep_out smaller", MOVE_ROBOT
-                return Fault(f"q_0 is not free: {words}", remedies)
         if rules.obstacles is None:
             return None
         boxes = rules.obstacles.lower, rules.obstacles.upper
