@@ -49,8 +49,8 @@ def found(case, degrees, azimuth):
         placements,
         SolutionChecker(
             task,
-            # walls that lean are many runs of points, whose ends count as few heights
-            Tolerances(acceleration_limit=limit, objective=0.02),
+            # walls that lean are many runs of points, whose ends count as few heights: docs/limits.md
+            Tolerances(acceleration_limit=limit, objective=0.05),
         ),
     )
 
