@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -125,11 +126,15 @@ def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
 
 
 def build_problem(
-    inputs: CaseInputs, objective: str, **environment: Any
+    inputs: CaseInputs,
+    objective: str,
+    unknown: Callable[[Environment], Environment] = lambda made: made,
+    **environment: Any,
 ) -> tuple[Problem, Objective]:
     """The environment from the cloud, and the objective of that name in it.
 
     Args:
+        unknown: adds what no sensor saw, as `Environment.with_unknown`.
         environment: further arguments of `Environment.from_points`.
     """
     robot, arms, q_start = inputs.robot, inputs.arms, inputs.q_start
@@ -138,7 +143,7 @@ def build_problem(
         "bounds": workspace(robot, arms, q_start, body, volume),
         "beyond_volume": False,
     }
-    made = Environment.from_points(inputs.points, volume, **(given | environment))
+    made = unknown(Environment.from_points(inputs.points, volume, **(given | environment)))
     problem = Problem(robot, arms, q_start, body, volume, made)
     return problem, make_objective(objective, ObjectiveContext(made, volume, body))
 

@@ -89,9 +89,8 @@ def problem_of(subject: MeasuredRobot, name: str, seen: Observation) -> tuple[Pr
     return build_problem(
         CaseInputs(robot, arms, q, body, volume, points),
         "maximize_clearance",
-        views=sights,
-        outside_robot=partial(outside_boxes, boxes_at_start(subject)),
-        unknown_below=True,
+        lambda made: made.with_unknown(True, partial(outside_boxes, boxes_at_start(subject))),
+        sights=sights,
     )
 
 

@@ -72,9 +72,12 @@ def situation_problem(
     return build_problem(
         inputs,
         OBJECTIVE,
-        views=() if situation.unknown == "free" else seen.sights,
-        sights=seen.sights if situation.unknown == "free" else (),
-        unknown_below=situation.unknown == "occupied_below",
+        lambda made: (
+            made
+            if situation.unknown == "free"
+            else made.with_unknown(situation.unknown == "occupied_below")
+        ),
+        sights=seen.sights,
     )
 
 

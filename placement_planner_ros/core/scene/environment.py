@@ -263,15 +263,10 @@ class Environment:
         regions: RegionSettings | None = None,
         bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
         *,
-        views: Sequence[View] = (),
         sights: Sequence[View] = (),
-        outside_robot: OutsideRobot | None = None,
-        unknown_below: bool = False,
         beyond_volume: bool = True,
     ) -> Environment:
-        """Preprocess a cloud.
-
-        With views, space that they leave unknown is obstacle too, though never support.
+        """Preprocess a cloud; what no sensor saw is free, unless `with_unknown` has it otherwise.
 
         Args:
             points: (n, 3) in the planning frame, metres; NaN where nothing was seen.
@@ -280,11 +275,8 @@ class Environment:
             regions: RegionSettings() unless given.
             bounds: lower and upper corner of the workspace, points outside of which are left out;
                 around the points and V unless given.
-            views: what sensors at known places measured, see `visibility`.
-            sights: the same where what they leave unknown is free; their lines of sight, and those
-                of views, prove gaps in surfaces, see `support_sights`.
-            outside_robot: tells the cells that the robot is in, which are not unknown.
-            unknown_below: nothing above the highest that was measured is unknown.
+            sights: what sensors at known places measured, see `visibility`; their lines of sight
+                prove gaps in surfaces, see `support_sights`.
             beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
                 paper's definition.
 
@@ -306,7 +298,7 @@ class Environment:
         measured = ObstacleSet.from_points(cloud, grid, held)
         step("finding placement regions")
         around = volume.lower - CAP, volume.upper + CAP
-        seen = tuple(view.towards(*around, grid.cell_size) for view in (*views, *sights))
+        seen = tuple(view.towards(*around, grid.cell_size) for view in sights)
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []
@@ -316,7 +308,7 @@ class Environment:
             more, sloping = find_regions(measured, volume, regions, planes, slope, seen)
             inclines.append(Incline(slope, sloping, measured, volume, beyond))
             found = largest_regions((*found, *more), regions)
-        made = cls(
+        return cls(
             measured,
             found,
             support,
@@ -330,7 +322,6 @@ class Environment:
             regions.max_slope,
             seen_space=SeenSpace.around(measured, seen, volume, *reach) if seen else None,
         )
-        return made.with_unknown(unknown_below, outside_robot) if views else made
 
 
 def level_with_largest(regions: tuple[Region, ...]) -> tuple[Region, ...]:

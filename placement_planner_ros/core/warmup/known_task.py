@@ -264,7 +264,8 @@ def _noisy_surroundings(
     # What is seen from above, with a gap.
     seen = points[~flying_pixels(points, eye)]
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
-    Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
+    sights = [View(seen, eye)]
+    Environment.from_points(seen, volume, settings, None, bounds, sights=sights).with_unknown()
     return Environment.from_points(points, volume, settings, None, bounds)
 
 

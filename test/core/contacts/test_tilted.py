@@ -49,7 +49,7 @@ def found(case, degrees, azimuth):
         placements,
         SolutionChecker(
             task,
-            # walls that lean are many runs of points, whose ends count as few heights: docs/limits.md
+            # docs/limits.md: walls that lean are many runs of points, whose ends count as few
             Tolerances(acceleration_limit=limit, objective=0.05),
         ),
     )

@@ -142,7 +142,9 @@ def test_what_is_seen_free_stays_free_with_and_without_noise():
 
 def test_the_inside_of_the_crate_cannot_be_entered_nor_its_shadow():
     view = view_of(FLOOR, WALL, CRATE)
-    environment = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, views=[view])
+    environment = Environment.from_points(
+        view.points, VOLUME, bounds=BOUNDS, sights=[view]
+    ).with_unknown()
     occupied = environment.obstacles.index >= 0
     for into in ((0.0, 0.0, 0.05), (0.1, 0.0, 0.05)):
         for axis in range(3):
@@ -160,7 +162,9 @@ def test_the_inside_of_the_crate_cannot_be_entered_nor_its_shadow():
 def test_regions_support_and_clearance_are_those_of_what_was_measured():
     view = view_of(FLOOR, WALL, CRATE, noise=0.001)
     plain = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, sights=[view])
-    careful = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, views=[view])
+    careful = Environment.from_points(
+        view.points, VOLUME, bounds=BOUNDS, sights=[view]
+    ).with_unknown()
     assert len(careful.obstacles) > len(plain.obstacles)
     assert [r.z for r in careful.regions] == [r.z for r in plain.regions]
     assert {round(r.z, 2) for r in careful.regions} == {0.0, 0.15}
@@ -239,8 +243,8 @@ def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked()
     lower = {tuple(cell) for cell in every[every[:, 2] < highest]}
     assert {tuple(cell) for cell in below[below[:, 2] < highest]} == lower
     joined = Environment.from_points(
-        view.points, VOLUME, GridSettings(cell_size=SIZE), views=[view], unknown_below=True
-    )
+        view.points, VOLUME, GridSettings(cell_size=SIZE), sights=[view]
+    ).with_unknown(True)
     tops = [
         each.cells[:, 2].max() * SIZE + each.origin[2]
         for each in (joined.measured, joined.obstacles)
@@ -296,7 +300,8 @@ def careful_problem(case, seed):
         np.vstack([v.points for v in views]),
         problem.volume,
         bounds=workspace(robot, arms, q, body, problem.volume),
-        views=views,
+        sights=views,
+    ).with_unknown(
         outside_robot=lambda points, distance: outside_robot(
             points, robot, q, arms, body, 0.02 + distance
         ),
@@ -354,13 +359,13 @@ def test_the_share_of_the_volume_that_was_seen_is_known():
     floor = np.stack(np.meshgrid(*[np.arange(-0.6, 0.6, 0.008)] * 2, 0.0), -1).reshape(-1, 3)
     above = np.array([0.0, 0.0, 1.0])
     volume = TargetVolume([-0.3, -0.3, 0.0], [0.3, 0.3, 0.3])
-    seen = Environment.from_points(floor, volume, views=[View(floor, above)]).seen
+    seen = Environment.from_points(floor, volume, sights=[View(floor, above)]).with_unknown().seen
     assert seen == 1.0
     # a board over half of V, as wide as V's shadow needs
     board = floor[floor[:, 0] < 0.0] + [0.0, 0.0, 0.5]
     left = floor[floor[:, 0] >= 0.0]
     both = np.vstack([board, left])
-    seen = Environment.from_points(both, volume, views=[View(both, above)]).seen
+    seen = Environment.from_points(both, volume, sights=[View(both, above)]).with_unknown().seen
     assert 0.45 < seen < 0.6
     assert Environment.from_points(both, volume, sights=[View(both, above)]).seen is None
 
