@@ -69,16 +69,9 @@ def situation_problem(
     """
     seen = observe(situation, cloud, rng)
     inputs = inputs_of(situation.thing, situation.scene.volume, seen.points)
-    return build_problem(
-        inputs,
-        OBJECTIVE,
-        lambda made: (
-            made
-            if situation.unknown == "free"
-            else made.with_unknown(situation.unknown == "occupied_below")
-        ),
-        sights=seen.sights,
-    )
+    below = situation.unknown == "occupied_below"
+    unknown = {} if situation.unknown == "free" else {"unknown": lambda e: e.with_unknown(below)}
+    return build_problem(inputs, OBJECTIVE, sights=seen.sights, **unknown)
 
 
 def run_situation(job: SituationJob) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How much of a motion leads through space that no sensor looked at."""
+"""The share of a motion that leads through space that no sensor looked at."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
-from placement_planner_ros.view.stage import FIELD_OF_VIEW, Stage
+from placement_planner_ros.view.stage import FIELD_OF_VIEW, PageStage
 from placement_planner_ros.view.thinning import thinned_cloud
 from placement_planner_ros.view.world import Itself, World, pose_of
 
@@ -46,7 +46,7 @@ class Page:
 
     def __init__(self, server: viser.ViserServer, listener: Listener, world: World) -> None:
         self._server, self._listener, self._world = server, listener, world
-        self._stage = Stage(server)
+        self._stage = PageStage(server)
         self._panel = Panel(server, self._stage.show)
         self.record = RunRecord()
         self.shown: Improvement | None = None

@@ -34,7 +34,7 @@ _POINT, _STANDING_POINT = 0.004, 0.007
 """m, the size of a point of a cloud, and of those on an object that was placed before."""
 
 
-class Stage:
+class PageStage:
     """Draws into a server's scene; each part is drawn anew only when it is another."""
 
     def __init__(self, server: viser.ViserServer) -> None:

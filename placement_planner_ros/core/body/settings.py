@@ -1,4 +1,4 @@
-"""How a mesh becomes a body: the numbers."""
+"""The numbers by which a mesh becomes a body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which facets of its hull a body rests on, and from which of them it could roll."""
+"""The facets of its hull that a body rests on, and those from which it could roll."""
 
 from __future__ import annotations
 

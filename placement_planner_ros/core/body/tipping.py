@@ -1,4 +1,4 @@
-"""How high a body's centre of mass lies over the side that is down: what tipping it takes.
+"""The height of a body's centre of mass over the side that is down: what tipping it takes.
 
 Directions that may be down form a sphere. Over it the height is a landscape, and its valleys are
 where the body can rest. A facet of the hull that is down is a node of it, turning the body over an

@@ -26,7 +26,7 @@ from placement_planner_ros.core.collision.configurations import (
     check_states,
     hand_collides,
 )
-from placement_planner_ros.core.collision.edges import OVERFLOW, Edge, EdgeLimits, check_edge
+from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, JointEdge, check_edge
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.placing import place_body
@@ -295,7 +295,7 @@ class ArmCollision:
             self._flat.arrays,
             self._boxes,
             self._scratch,
-            Edge(a, b, kernel_input(deviation).reshape(self._dof)),
+            JointEdge(a, b, kernel_input(deviation).reshape(self._dof)),
             EdgeLimits(
                 *self._margins(reserve),
                 self.settings.edge_resolution,

@@ -46,7 +46,7 @@ class EdgeLimits(NamedTuple):
     """Whether the held object is left out against the obstacle set."""
 
 
-class Edge(NamedTuple):
+class JointEdge(NamedTuple):
     """A straight joint motion."""
 
     a: Array
@@ -91,7 +91,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
 def _place_interval(
     arm: ArmArrays,
     scratch: ArmScratch,
-    edge: Edge,
+    edge: JointEdge,
     middle: float,
     half: float,
     strays: bool,
@@ -136,7 +136,7 @@ def check_edge(
     arm: ArmArrays,
     boxes: BoxArrays,
     scratch: ArmScratch,
-    edge: Edge,
+    edge: JointEdge,
     limits: EdgeLimits,
     work: tuple[Array, npt.NDArray[np.bool_]],
 ) -> int:

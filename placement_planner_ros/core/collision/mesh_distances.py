@@ -1,5 +1,4 @@
-"""How far points are from the triangles of a mesh, and whether these enclose them: exact, for many
-points at once."""
+"""Exact distances of points from the triangles of a mesh, and whether these enclose them."""
 
 from __future__ import annotations
 

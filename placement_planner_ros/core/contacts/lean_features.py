@@ -1,4 +1,4 @@
-"""Which edges may lean on which walls, and strips of surface before these where they would stand.
+"""Edges that may lean, the walls for them, and strips of surface before these where they stand.
 
 How an edge leans depends on how far it is from the wall alone. So whether it could stay is looked
 up along that distance, once for edges that look alike, and a strip of surface is drawn from that

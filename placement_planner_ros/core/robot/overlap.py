@@ -1,4 +1,4 @@
-"""Whether two collision shapes overlap, and how far, on the triangles that the files hold."""
+"""Overlap of two collision shapes, and its depth, on the triangles that the files hold."""
 
 from __future__ import annotations
 

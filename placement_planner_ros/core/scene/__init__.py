@@ -1,4 +1,4 @@
-"""What stands around the robot: from clouds to the one obstacle set, and what follows from it.
+"""The surroundings of the robot: from clouds to the one obstacle set, and what follows from it.
 
 `environment` is all of it for one problem. `grid` is the obstacle set, made by `cells` (points into
 cells, and tight boxes around them) and `denoising` (lone points, noisy surfaces);

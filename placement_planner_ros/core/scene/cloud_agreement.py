@@ -1,4 +1,4 @@
-"""Whether two clouds show the same surfaces at the same height."""
+"""Agreement of two clouds: do they show the same surfaces at the same height?"""
 
 from __future__ import annotations
 

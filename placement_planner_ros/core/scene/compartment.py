@@ -1,4 +1,4 @@
-"""Whether V lies in a compartment, such as of a shelf, whose ceiling no sensor saw."""
+"""Compartments, such as of a shelf, whose ceiling no sensor saw: does V lie in one?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the planner knows about the surroundings: obstacles, placement regions and support."""
+"""The surroundings as the planner knows them: obstacles, placement regions and support."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def find_walls(
     """Both sides of every plane in and around V that stands, those of most surface first."""
     lower, upper = volume.lower - AROUND_M, volume.upper + AROUND_M
     points = measured.points[((measured.points >= lower) & (measured.points <= upper)).all(axis=1)]
-    patches = _Patches.of(points.astype(np.float64))
+    patches = _WallPatches.of(points.astype(np.float64))
     noise = OFF_PLANE_M + measured.noise
     standing = np.abs(patches.normals[:, 2]) <= math.sin(STEEPEST_LEAN_RAD + ALIKE_RAD)
     rows = np.flatnonzero(standing & (patches.scatter <= noise))
@@ -149,7 +149,7 @@ def _foot_axes(normal: Array, middles: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Patches:
+class _WallPatches:
     """Points by cubes: how many, where, and how they are spread.
 
     Attributes:
@@ -167,7 +167,7 @@ class _Patches:
     scatter: Array
 
     @classmethod
-    def of(cls, points: Array) -> _Patches:
+    def of(cls, points: Array) -> _WallPatches:
         cells = np.floor(points / PATCH_M).astype(np.int64)
         cells -= cells.min(axis=0, initial=0)
         sizes = cells.max(axis=0, initial=0) + 1

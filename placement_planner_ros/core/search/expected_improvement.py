@@ -1,4 +1,4 @@
-"""Which cell promises most for its cost: expected improvement over ξ_best, learned as it goes.
+"""Expected improvement over ξ_best for its cost, of each cell, learned as it goes.
 
 A part of a cell is worth looking at if its sample may be free, better than ξ_best, and reached.
 Each of the three is learned from the samples of the run: how often parts of such a cell were free,

@@ -1,4 +1,4 @@
-"""What sensors have shown of the environment: the clouds so far."""
+"""The clouds so far: all that sensors have shown of the environment."""
 
 from __future__ import annotations
 

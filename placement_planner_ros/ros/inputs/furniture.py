@@ -1,4 +1,4 @@
-"""Which links of a description are furniture: fixed, and no part of what the robot stands on."""
+"""Furniture in a description: links that are fixed, and no part of what the robot stands on."""
 
 from __future__ import annotations
 

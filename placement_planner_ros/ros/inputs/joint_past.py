@@ -1,4 +1,4 @@
-"""What one joint did lately, by the stamps of its values: its speed, and since when it rests."""
+"""The last moments of one joint, by its values' stamps: its speed, and since when it rests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What takes long to read is read in the background, once per content, the newest first."""
+"""Long reading, in the background, once per content, the newest first."""
 
 from __future__ import annotations
 

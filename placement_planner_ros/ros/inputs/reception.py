@@ -1,4 +1,4 @@
-"""What reaches the node from outside: its topics, and parameters that change what it is told."""
+"""Reception of what comes from outside: topics, and parameters that change what is told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a check has to say: what it understood, and everything that is wrong."""
+"""Findings of a check: what it understood, and everything that is wrong."""
 
 from __future__ import annotations
 
