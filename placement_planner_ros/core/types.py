@@ -105,6 +105,18 @@ class Verdict(enum.IntEnum):
     """Every constraint holds: a goal."""
 
 
+def _volume_numbers(given: npt.ArrayLike) -> Array:
+    """What is given of V as an array.
+
+    Raises:
+        VolumeError: it is none of numbers, or not as many in each row.
+    """
+    try:
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise VolumeError("target_volume", given, "give six finite numbers for each box") from None
+
+
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class TargetVolume:
     """V, the union of axis-aligned boxes in the planning frame; mostly of one.
@@ -133,7 +145,7 @@ class TargetVolume:
         Raises:
             VolumeError: a corner is no three finite numbers, a box is empty, or they are too many.
         """
-        corners = [np.atleast_2d(np.array(corner, dtype=np.float64)) for corner in (lower, upper)]
+        corners = [np.atleast_2d(_volume_numbers(corner)) for corner in (lower, upper)]
         shape = corners[0].shape
         if shape != corners[1].shape or len(shape) != 2 or shape[1] != 3 or not shape[0]:
             given = [corner.tolist() for corner in corners]
@@ -163,7 +175,7 @@ class TargetVolume:
         Raises:
             VolumeError: not six per box; otherwise as for the corners.
         """
-        flat = np.array(numbers, dtype=np.float64)
+        flat = _volume_numbers(numbers)
         if flat.ndim != 1 or len(flat) == 0 or len(flat) % 6:
             raise VolumeError("target_volume", flat.tolist(), "give six numbers for each box")
         corners = flat.reshape(-1, 2, 3)

@@ -104,6 +104,8 @@ GOOD = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
         (GOOD[:5], "six numbers for each box"),
         ([*GOOD, 1.0], "six numbers for each box"),
         ([*GOOD, 0.0, 0.0, 2.0, 1.0, 1.0, 1.0], "minimum corner first.*box 2 of 2"),
+        (["left", *GOOD[1:]], "six finite numbers"),
+        ([GOOD, GOOD[:3]], "six finite numbers"),
         ([*GOOD[:5], float("nan"), *GOOD], "finite numbers.*box 1 of 2"),
         (GOOD * (MAX_BOXES + 1), f"{MAX_BOXES + 1} boxes': give {MAX_BOXES} at most"),
     ],
