@@ -18,6 +18,7 @@ ORDER = [
     "core.boxes",
     "core.types",
     "core.stopping",
+    "core.child_process",
     "core.weak_cache",
     "core.disk_cache",
     "core.uncounted",

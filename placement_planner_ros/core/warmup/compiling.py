@@ -23,6 +23,7 @@ from typing import IO, Any
 from filelock import FileLock, Timeout
 from numba.core import event
 
+from placement_planner_ros.core.child_process import child_environment
 from placement_planner_ros.core.disk_cache import bypassed_cache
 from placement_planner_ros.core.kernels import kernel_folder, kernel_names
 from placement_planner_ros.core.stopping import step
@@ -153,7 +154,7 @@ def _spawn_process(errors: IO[bytes]) -> subprocess.Popen[bytes]:
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
-        env={**os.environ, **_SPARING, "NUMBA_CACHE_DIR": str(kernel_folder())},
+        env={**child_environment(), **_SPARING, "NUMBA_CACHE_DIR": str(kernel_folder())},
     )
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
+from placement_planner_ros.core.child_process import child_environment
 from placement_planner_ros.core.disk_cache import find_result, keep_result
 from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
 from placement_planner_ros.core.types import Array
@@ -192,7 +193,7 @@ def _spawn() -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # a terminal's Ctrl-C is the node's to handle
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        env={**child_environment(), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
     )
 
 
