@@ -70,8 +70,9 @@ def situation_problem(
     seen = observe(situation, cloud, rng)
     inputs = inputs_of(situation.thing, situation.scene.volume, seen.points)
     below = situation.unknown == "occupied_below"
-    unknown = {} if situation.unknown == "free" else {"unknown": lambda e: e.with_unknown(below)}
-    return build_problem(inputs, OBJECTIVE, sights=seen.sights, **unknown)
+    if situation.unknown == "free":
+        return build_problem(inputs, OBJECTIVE, sights=seen.sights)
+    return build_problem(inputs, OBJECTIVE, lambda e: e.with_unknown(below), sights=seen.sights)
 
 
 def run_situation(job: SituationJob) -> dict[str, Any]:

@@ -19,8 +19,17 @@ from placement_planner_ros.core.types import Array
 
 FindFile = Callable[[str], Path]
 """The file that a mesh's URI names. Raises an OSError where there is none."""
-UNREADABLE = (ArithmeticError, AttributeError, LookupError, NotImplementedError, OSError,
-              RobotError, TypeError, ValueError, struct.error)  # fmt: skip
+UNREADABLE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    NotImplementedError,
+    OSError,
+    RobotError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
 """What loaders raise at files that are not what their names say."""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-import pinocchio as pin
+from helpers.leaning import disturbed
 from helpers.problems import problem_of
 from helpers.settle import settle
 
@@ -24,15 +24,6 @@ CASES = (
 )
 MOVED, TILTED = 0.008, np.deg2rad(3.0)
 """m and rad that what was released may come away."""
-
-
-def disturbed(T, center, rng):
-    """A pose (4, 4) up to 2 mm and 1 degree away, turned about the centre of mass."""
-    axis, way = rng.normal(size=(2, 3))
-    turn = pin.exp3(np.deg2rad(rng.uniform(0.0, 1.0)) * axis / np.linalg.norm(axis))
-    off = pin.SE3(turn, rng.uniform(0.0, 0.002) * way / np.linalg.norm(way))
-    middle = pin.SE3(np.eye(3), T[:3, :3] @ center + T[:3, 3])
-    return middle * off * middle.inverse() * pin.SE3(T)
 
 
 def near(parts, point, within):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 from helpers.footholds import bare_problem
 
@@ -193,3 +194,12 @@ def situations(seed):
             ),
         ),
     ]
+
+
+def disturbed(T, center, rng):
+    """A pose (4, 4) up to 2 mm and 1 degree away, turned about the centre of mass."""
+    axis, way = rng.normal(size=(2, 3))
+    turn = pin.exp3(np.deg2rad(rng.uniform(0.0, 1.0)) * axis / np.linalg.norm(axis))
+    off = pin.SE3(turn, rng.uniform(0.0, 0.002) * way / np.linalg.norm(way))
+    middle = pin.SE3(np.eye(3), T[:3, :3] @ center + T[:3, 3])
+    return middle * off * middle.inverse() * pin.SE3(T)

@@ -33,8 +33,13 @@ _MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyon
 """Parameters on which a scene depends; """
 _MAKE_HANDS = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
 """on which what the robot hides does; """
-_MAKE_ENVIRONMENT = (*_MAKE_SCENE, *_MAKE_HANDS, "contact_tolerance", "self_filter.enabled",
-                     "unknown_space")  # fmt: skip
+_MAKE_ENVIRONMENT = (
+    *_MAKE_SCENE,
+    *_MAKE_HANDS,
+    "contact_tolerance",
+    "self_filter.enabled",
+    "unknown_space",
+)
 """and on which an environment does."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""

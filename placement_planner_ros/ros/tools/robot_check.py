@@ -80,8 +80,14 @@ def _check(options: argparse.Namespace) -> int:
             options.write_srdf.write_text(srdf_of(robot), encoding="utf-8")
             findings.say(f"wrote {options.write_srdf}")
         if options.picture is not None:
-            draw_robot(options.picture, robot, snapshot.q_start, snapshot.arms, snapshot.body,
-                       snapshot.parameters.volume)  # fmt: skip
+            draw_robot(
+                options.picture,
+                robot,
+                snapshot.q_start,
+                snapshot.arms,
+                snapshot.body,
+                snapshot.parameters.volume,
+            )
             findings.say(f"wrote {options.picture}")
         check_grasps(snapshot, findings)
         check_search(snapshot, findings)
@@ -239,8 +245,10 @@ def describe_pairs(robot: Robot, findings: Findings) -> None:
     hidden = [each for each in robot.left_out if each.can_hide]
     findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours")
     if hidden:
-        findings.say("and these, whose true collisions would not be noticed; an SRDF (--write-srdf "
-                     "FILE) says which of them to leave out")  # fmt: skip
+        findings.say(
+            "and these, whose true collisions would not be noticed; an SRDF (--write-srdf "
+            "FILE) says which of them to leave out"
+        )
     for each in hidden:
         findings.say(str(each), 2)
 

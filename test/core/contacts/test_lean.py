@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
-from helpers.leaning import leaning_poses, situations
+from helpers.leaning import disturbed, leaning_poses, situations
 from helpers.problems import problem_of
 from helpers.right_solution import ROOT
 
@@ -63,15 +63,6 @@ def test_things_lean_where_they_can_and_nowhere_else(situation, cloud):
     assert (missing is None) == bool(contact.regions)
     if situation.name in NOTHING:
         assert NOTHING[situation.name] in missing.words
-
-
-def disturbed(T, center, rng):
-    """A pose (4, 4) up to 2 mm and 1 degree away, turned about the centre of mass."""
-    axis, way = rng.normal(size=(2, 3))
-    turn = pin.exp3(np.deg2rad(rng.uniform(0.0, 1.0)) * axis / np.linalg.norm(axis))
-    off = pin.SE3(turn, rng.uniform(0.0, 0.002) * way / np.linalg.norm(way))
-    middle = pin.SE3(np.eye(3), T[:3, :3] @ center + T[:3, 3])
-    return middle * off * middle.inverse() * pin.SE3(T)
 
 
 @pytest.mark.parametrize(
