@@ -36,7 +36,7 @@ from checker import (
     states_along,
 )
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
-from placement_planner_ros.scenes.primitives import box, frustum
+from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
 RED = (1.0, 0.0, 0.0)
@@ -322,20 +322,6 @@ def test_clearance_is_bounded_where_a_layer_decides() -> None:
     beside = [0.06 * layers / 20 + 0.5 * (20 - layers) / 20 for layers in (11, 9)]
     assert judge.clearance_bounds(np.eye(4)) == pytest.approx(beside, abs=1e-9)
     assert judge.clearance(np.eye(4)) == pytest.approx(beside[0], abs=1e-9)
-
-
-def test_slices_of_a_cone_enclose_it_closely() -> None:
-    cone = frustum("cone", (0.05, 0.02), (0.0, 0.06), RED)
-    slices = checker.upright_prisms(cone.vertices)
-    assert len(slices) == 30
-    assert slices[0][1] == 0.0
-    assert slices[-1][2] == pytest.approx(0.06)
-    for outline, low, high in slices:
-        widest = 0.05 - 0.5 * low
-        assert np.linalg.norm(outline, axis=1).max() == pytest.approx(widest, abs=1e-9)
-        assert high - low == pytest.approx(0.002)
-    cylinder = frustum("cylinder", (0.05, 0.05), (0.0, 0.06), RED)
-    assert len(checker.upright_prisms(cylinder.vertices)) == 1
 
 
 ELL = np.array([(0.06, 0.06), (0.06, 0.3), (0.0, 0.3), (0.0, 0.0), (0.25, 0.0), (0.25, 0.06)])

@@ -7,9 +7,6 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
-from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import yumi_arm
@@ -92,15 +89,6 @@ def test_joints_that_turn_twice_around_take_the_shorter_way_within_their_limits(
     assert problem.robot.turnable == frozenset(ENDLESS)
 
 
-def test_turns_are_no_fault_at_the_start(problem):
-    robot = problem.robot
-    q = problem.q_start + 2 * np.pi * turns_of(robot, (3, -64, 1))
-    assert robot.limit_violations(q) == []
-    robot.require_plausible(q, robot.joint_names)
-    rules = StartRules(PlannerSettings().collision)
-    assert faults_at_start(robot, problem.arms, q, problem.body, rules) == ()
-
-
 def test_whole_turns_are_no_way_and_are_taken_off(problem):
     robot = problem.robot
     q = problem.q_start + 2 * np.pi * turns_of(robot, (3, -64, 1))
@@ -115,23 +103,3 @@ def test_whole_turns_are_no_way_and_are_taken_off(problem):
     beyond = np.array(near_wrap)
     beyond[robot.index(ENDLESS[0])] = -np.pi + 0.001
     assert robot.apart(near_wrap, beyond).max() == pytest.approx(0.002)
-
-
-def test_goals_take_the_shorter_way_round(problem):
-    arm = problem.arms[0]
-    start = np.full(arm.dof, 0.5)
-    Q = np.tile(start, (3, 1)) + np.array([[4.0], [-6.0], [2.0 * np.pi]])
-    near = arm.nearest_turns(Q, start)
-    endless = np.isin(arm.joints, ENDLESS)
-    assert np.abs(near - start)[:, endless].max() <= np.pi
-    np.testing.assert_array_equal(near[:, ~endless], Q[:, ~endless])
-    np.testing.assert_allclose(np.cos(near), np.cos(Q), atol=1e-12)
-    ((holding, *_),), _ = usable_holdings(problem, GraspSettings())
-    T = holding.object_pose(holding.q_start)
-    free = holding.configurations(T, 60, np.random.default_rng(0))
-    assert np.abs(free - holding.q_start)[:, endless].max() <= np.pi
-    np.testing.assert_allclose(
-        [holding.object_pose(q).translation for q in free],
-        np.tile(T.translation, (len(free), 1)),
-        atol=1e-4,
-    )

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from placement_planner_ros.core.boxes import disjoint_rectangles, joined_boxes
+from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.types import MAX_BOXES, TargetVolume
 
@@ -55,26 +55,6 @@ def cut(box, rng, times):
         left[1, axis] = right[0, axis] = rng.uniform(*piece[:, axis])
         pieces += [left, right]
     return np.array(pieces)[rng.permutation(len(pieces))]
-
-
-def test_one_box_cut_into_several_is_one_again():
-    rng = np.random.default_rng(1)
-    box = np.array([[0.1, -0.2, 0.3], [0.4, 0.5, 0.9]])
-    for times in (1, 2, 3, 5):
-        pieces = cut(box, rng, times)
-        np.testing.assert_array_equal(joined_boxes(pieces), box[None])
-    low, high = [[0, 0], [1, 0], [2, 1], [0, 2], [1, 1]], [[1, 2], [3, 1], [3, 3], [2, 3], [2, 2]]
-    pinwheel = np.dstack([np.array([low, high]), np.array([np.zeros(5), np.ones(5)])])
-    np.testing.assert_array_equal(
-        joined_boxes(pinwheel.swapaxes(0, 1)), [[[0.0] * 3, [3.0, 3.0, 1.0]]]
-    )
-    assert len(joined_boxes(pinwheel.swapaxes(0, 1)[:4])) == 4  # a hole in the middle
-    halves = np.array([[[0.0] * 3, [0.1 + 0.2, 1, 1]], [[0.3, 0, 0], [1, 1, 1]]])
-    np.testing.assert_array_equal(joined_boxes(halves), [[[0.0] * 3, [1.0] * 3]])
-    corner = np.array([[[0.0, 0, 0], [1, 1, 1]], [[1.0, 1, 1], [2, 2, 2]]])
-    assert len(joined_boxes(corner)) == 2
-    crossed = np.array([[[0.0, 1, 0], [3, 2, 1]], [[1.0, 0, 0], [2, 3, 1]]])
-    assert len(joined_boxes(crossed)) == 2
 
 
 def test_rectangles_are_disjoint_and_depend_on_the_union_alone():

@@ -114,26 +114,6 @@ def test_volume_points_are_bounded_and_thin_things_have_some():
     np.testing.assert_allclose(plate.volume_points[:, 2], 0.0, atol=1e-12)
 
 
-def test_parts_are_outward_polytopes_that_hold_their_vertices():
-    body = bundled("wine_glass")
-    for part in body.parts:
-        slack = part.vertices @ part.normals.T - part.offsets
-        assert slack.max() <= 1e-12
-        np.testing.assert_allclose(slack.max(axis=0), 0.0, atol=1e-12)
-        corners = part.vertices[part.triangles]
-        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        outward = corners.mean(axis=1) - part.vertices.mean(axis=0)
-        assert (np.einsum("ij,ij->i", facing, outward) > 0).all()
-    assert len(body_of(box(0.1, 0.1, 0.1)).parts[0].normals) == 6
-
-
-def test_inside_out_meshes_are_turned():
-    mesh = box(0.1, 0.06, 0.04)
-    body = Body.from_mesh(mesh.vertices, mesh.faces[:, ::-1])
-    assert len(body.volume_points) == 20 * 12 * 8
-    assert body.warnings == ()
-
-
 @pytest.mark.parametrize("between", [True, False], ids=["by pairs", "one after the other"])
 def test_a_mesh_of_fronts_and_backs_is_the_solid_that_its_fronts_enclose(between):
     cup = trimesh.creation.revolve(

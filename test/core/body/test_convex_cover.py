@@ -8,8 +8,6 @@ from scipy.spatial import ConvexHull, cKDTree
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body import covered_mesh
 from placement_planner_ros.core.body.convex_cover import convex_cover, hull_cover
-from placement_planner_ros.core.body.mesh import volumes_under
-from placement_planner_ros.core.body.mesh_components import Components
 
 
 def cross():
@@ -147,15 +145,3 @@ def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(own_c
     np.testing.assert_array_equal(hull_cover(*mesh[:2]).parts[0], part)
     assert len(covered_mesh.make_cover(*mesh).parts) == 1
     assert len(covered_mesh.make_cover(*mesh[:2], 0.02).parts) > 1
-
-
-def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned():
-    box = trimesh.creation.box((0.1, 0.06, 0.04))
-    faces = np.array(box.faces)
-    faces[[2, 7]] = faces[[2, 7]][:, ::-1]
-    again = np.vstack([faces[3:5, [1, 2, 0]], faces])
-    made = Components.of(np.asarray(box.vertices), again)
-    assert made.closed.all()
-    assert made.rows.tolist() == [0, 1, 2, 3, 4, *range(7, 14)]
-    assert abs(volumes_under(made.corners).sum()) == pytest.approx(box.volume)
-    assert not Components.of(np.asarray(box.vertices), again[:-1]).closed.any()

@@ -371,18 +371,6 @@ def test_empty_environment_and_empty_hand(slider):
     assert checker.free_batch(np.zeros((0, 2))).shape == (0,)
 
 
-def test_allowed_pairs_are_left_out(mixed, ring_file):
-    q = np.array([0.0, 1.0, 0.1, 0.0])
-    arm = mixed.arm("arm", "tip")
-    assert ArmCollision(MovingArm(mixed, arm, np.zeros(4)), None, obstacles_of()).free(q)
-    line = '<disable_collisions link1="upper" link2="fore" reason="Adjacent"/>'
-    strict = Robot.from_urdf(mixed_urdf(ring_file), srdf=MIXED_SRDF.replace(line, ""))
-    moving = MovingArm(strict, strict.arm("arm", "tip"), np.zeros(4))
-    checker = ArmCollision(moving, None, obstacles_of())
-    said = checker.explain(q)
-    assert said.startswith("fore meets upper at (")
-
-
 def where(said):
     return np.array([float(word) for word in said[said.index("(") + 1 : -1].split(",")])
 
@@ -638,33 +626,3 @@ def test_strayed_motions_of_certified_edges_are_free(yumi):
             corners = rng.choice([-1.0, 1.0], size=path.shape)
             assert all_free(oracle, path + corners * deviation)
     assert certified >= 3
-
-
-def test_a_short_queue_changes_no_answer(slider, monkeypatch):
-    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
-    long = slider_checker(slider, obstacles)
-    monkeypatch.setattr("placement_planner_ros.core.collision.arm._QUEUED_INTERVALS", 2)
-    short = slider_checker(slider, obstacles)
-    side = obstacles.upper[:, 1].max() + 0.02 + 0.003
-    for gap in (0.0006, 0.002, -0.0001):
-        a, b = np.array([-0.9, side + gap]), np.array([1.9, side + gap])
-        assert short.edge_free(a, b) == long.edge_free(a, b)
-
-
-def test_edges_are_refused_from_their_resolution_on(slider):
-    """Halves of 1.4 m are 0.0109 m and 0.0055 m: the latter is less than the 6 mm that are left."""
-    wall = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
-    side = wall.upper[:, 1].max() + 0.02 + 0.003
-    post = '<link name="base"><collision><origin xyz="0.5 -0.3 0"/>'
-    post += '<geometry><box size="0.002 0.4 0.4"/></geometry></collision></link>'
-    robot = Robot.from_urdf(SLIDER.replace('<link name="base"/>', post), srdf="<robot name='x'/>")
-    moving = MovingArm(robot, robot.arm("arm", "ball"), np.zeros(2))
-    for resolution, certified in ((0.0109, True), (0.011, False)):
-        settings = CollisionSettings(edge_resolution=resolution, self_resolution=1e-5)
-        checker = ArmCollision(moving, None, wall, settings)
-        a, b = np.array([-0.9, side + 0.006]), np.array([1.9, side + 0.006])
-        assert checker.edge_free(a, b) == certified
-        settings = CollisionSettings(edge_resolution=1e-5, self_resolution=resolution)
-        checker = ArmCollision(moving, None, obstacles_of(), settings)
-        a, b = np.array([-0.9, -0.1 + 0.02 + 0.006]), np.array([1.9, -0.1 + 0.02 + 0.006])
-        assert checker.edge_free(a, b) == certified

@@ -62,14 +62,3 @@ def test_a_mesh_of_two_links_is_one_shape_and_made_once_for_all_processes(robot)
     same(again, first)
     cover = read().covers[0]
     same(again, mesh_shapes.covered_mesh(cover, cover.mesh.vertices, cover.mesh.triangles))
-
-
-def test_spheres_are_made_once_for_all_processes(robot):
-    read, made = robot
-    for _ in range(2):
-        shape = link_shapes.link_shapes(read())[0]
-        disk_cache._recalled_results.cache_clear()  # as in another process
-        spheres.sphere_trees(shape, 0.01)
-        assert made.count("_one_sphere_tree") == len(shape.sets)
-    spheres.sphere_trees(shape, 0.02)
-    assert made.count("_one_sphere_tree") == 2 * len(shape.sets)

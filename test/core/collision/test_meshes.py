@@ -65,32 +65,6 @@ def coal_distance(a, b, T):
     )
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 5, 64, 1000])
-def test_every_triangle_is_in_one_leaf_and_in_all_boxes_above(count):
-    corners = np.random.default_rng(count).normal(size=(count, 3, 3))
-    faces = np.arange(3 * count).reshape(-1, 3)
-    tree = MeshTree.of(corners.reshape(-1, 3), faces)
-    assert tree.leaves[0] == 0
-    assert tree.leaves[-1] == count
-    sizes = np.diff(tree.leaves)
-    assert sizes.min() >= 1
-    assert sizes.max() <= 4
-    nodes, leaves = len(tree.boxes), len(sizes)
-    assert nodes == 2 * leaves - 1
-    placed = tree.corners.reshape(-1, 3, 3)
-    for leaf in range(leaves):
-        mine = placed[tree.leaves[leaf] : tree.leaves[leaf + 1]].reshape(-1, 3)
-        node = nodes // 2 + leaf
-        while True:
-            assert (mine >= tree.boxes[node, :3]).all()
-            assert (mine <= tree.boxes[node, 3:]).all()
-            if node == 0:
-                break
-            node = (node - 1) // 2
-    known = {tuple(sorted(map(tuple, c.round(9)))) for c in corners}
-    assert known == {tuple(sorted(map(tuple, c.round(9)))) for c in placed}
-
-
 def surrounded(mesh, points):
     """(n,) whether the triangles go once around each point (n, 3), by their solid angles."""
     angles = np.zeros(len(points))
@@ -207,16 +181,3 @@ def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
     assert meshes_meet(arrays, (0, 1), T, 0.0, 0.0, room, WORK) == FREE
     corners = np.asarray(small.vertices)
     assert mesh_meets_hull(arrays, 0, corners, 8, 0.0, 0.0, WORK) == COLLIDING
-
-
-def test_a_far_need_is_refused_without_a_look_for_collisions():
-    """Long motions are cut into shorter ones first."""
-    arrays = arrays_of(solid("box"))
-    corners = np.asarray(trimesh.creation.box((0.02, 0.02, 0.02)).vertices)
-    assert (
-        mesh_meets_hull(arrays, 0, corners + np.array([0.15, 0.0, 0.0]), 8, 0.1, 0.0, WORK)
-        == UNDECIDED
-    )
-    assert (
-        mesh_meets_hull(arrays, 0, corners + np.array([0.25, 0.0, 0.0]), 8, 0.1, 0.0, WORK) == FREE
-    )

@@ -5,8 +5,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core import disk_cache
-from placement_planner_ros.core.collision import arm, table_filling
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.pair_tables import CELL_RAD, apart_within
 from placement_planner_ros.core.robot.model import Robot
@@ -87,16 +85,6 @@ def yumi():
     return robot, yumi_arm(robot, "right", ())
 
 
-def test_links_two_revolute_joints_apart_have_a_table(elbow, yumi):
-    assert list(tabled_pairs(checker_for(*elbow))) == [("base", "fore")]
-    assert ("yumi_link_5_r", "yumi_link_7_r") in tabled_pairs(checker_for(*yumi))
-    # Neither what the other arm's joints move, nor what fingers do: it changes with q_rest.
-    for pair in tabled_pairs(checker_for(*yumi)):
-        assert not any(link.endswith("_l") or "finger" in link for link in pair), pair
-    sliding = Robot.from_urdf(ELBOW.format(kind="prismatic"), srdf="<robot name='elbow'/>")
-    assert not tabled_pairs(checker_for(sliding, sliding.arm("arm", "fore")))
-
-
 @pytest.mark.parametrize("which", ["elbow", "yumi"])
 def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
     robot, arm = request.getfixturevalue(which)
@@ -135,20 +123,6 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
     assert not apart_within(tables, 0, *(arm.lower - 0.01), 0.0, 0.0)
     assert not apart_within(tables, 0, *(arm.upper + 2 * CELL_RAD), 0.0, 0.0)
     assert not apart_within(tables, 0, 0.0, 0.0, 1e300, np.inf)
-
-
-def test_tables_are_kept_for_the_next_process(elbow, monkeypatch, tmp_path):
-    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
-    made = []
-    fill = table_filling._fill_table
-    monkeypatch.setattr(table_filling, "_fill_table", lambda *given: (made.append(1), fill(*given)))
-    tables = []
-    for _ in range(2):
-        arm._flat_arm.cache_clear()
-        disk_cache._recalled_results.cache_clear()  # as in another process
-        tables.append(checker_for(*elbow)._flat.arrays.tables)
-    assert len(made) == 1
-    assert (tables[0].open == tables[1].open).all()
 
 
 def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yumi):

@@ -166,39 +166,3 @@ def test_inner_balls_lie_inside_of_the_polytope_or_the_mesh(name, rng):
 def test_unusable_geometry_is_refused_by_name(geometry):
     with pytest.raises(RobotError, match="link elbow"):
         shape_of(geometry, "link elbow")
-
-
-def test_primitives_have_the_corners_and_radii_of_their_definition():
-    box = shape_of(coal.Box(0.1, 0.3, 0.02), "box").sets[0]
-    assert sorted(map(tuple, np.abs(box.vertices))) == [(0.05, 0.15, 0.01)] * 8
-    assert len(np.unique(box.vertices, axis=0)) == 8
-    capsule = shape_of(coal.Capsule(0.03, 0.2), "capsule").sets[0]
-    assert sorted(capsule.vertices.tolist()) == [[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]]
-    assert (capsule.radius, len(capsule.offsets)) == (0.03, 0)
-    ball = shape_of(coal.Sphere(0.07), "ball").sets[0]
-    assert (ball.vertices.tolist(), ball.radius) == ([[0.0] * 3], 0.07)
-    cylinder = shape_of(coal.Cylinder(0.06, 0.25), "cylinder").sets[0]
-    cone = shape_of(coal.Cone(0.06, 0.2), "cone").sets[0]
-    for hull, height in ((cylinder, 0.125), (cone, 0.1)):
-        rim = hull.vertices[hull.vertices[:, 2] < 0.0]
-        assert rim[:, 2] == pytest.approx(-height)
-        sides = np.roll(rim[np.argsort(np.arctan2(rim[:, 1], rim[:, 0]))], 1, axis=0)
-        middles = 0.5 * (sides + np.roll(sides, 1, axis=0))
-        assert np.hypot(middles[:, 0], middles[:, 1]) == pytest.approx(0.06)
-        assert np.hypot(rim[:, 0], rim[:, 1]).max() < 0.06 * 1.005
-    assert cone.vertices[:, 2].max() == pytest.approx(0.1)
-    assert (np.hypot(cone.vertices[:, 0], cone.vertices[:, 1]) < 1e-12).sum() == 1
-    ellipsoid = shape_of(coal.Ellipsoid(0.05, 0.1, 0.02), "ellipsoid").sets[0]
-    assert (np.linalg.norm(ellipsoid.vertices / (0.05, 0.1, 0.02), axis=1) < 1.021).all()
-
-
-@pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder", "cone", "ellipsoid"])
-def test_a_swept_sphere_dilates_the_shape(name):
-    geometry = type(SHAPES[name][0])(SHAPES[name][0])
-    before = shape_of(geometry, name).sets[0]
-    geometry.setSweptSphereRadius(0.004)
-    after = shape_of(geometry, name).sets[0]
-    assert after.radius == pytest.approx(before.radius + 0.004)
-    assert (after.vertices == before.vertices).all()
-    tree, bare = (sphere_tree(Shape((s,)), 5 * EXCESS) for s in (after, before))
-    assert tree.radii == pytest.approx(bare.radii + 0.004)

@@ -128,22 +128,6 @@ def test_what_stands_is_what_plain_geometry_says(scene, name):
     assert stood or margin > 0.0 or name == "legged"
 
 
-def test_contact_points_are_the_feet_of_a_body_and_not_what_lies_between():
-    body = BODIES["legged"]
-    for face in body.faces:
-        T = face.T_face_object
-        points = contact_points(body, face).points
-        touching = np.vstack([T.act(v)[:2] for v in body.vertices if abs(T.act(v)[2]) < 1e-6])
-        assert np.array([points.min(axis=0), points.max(axis=0)]) == pytest.approx(
-            np.array([touching.min(axis=0), touching.max(axis=0)])
-        )
-        inward = T.inverse()
-        for x, y in points:
-            at = inward.act(np.array([x, y, 0.0]))
-            # on a side of one of its boxes
-            assert any((p.normals @ at - p.offsets).max() < 1e-6 for p in body.solids)
-
-
 def test_what_rises_from_a_foot_does_not_touch():
     """A block that is wider above, and slants down to its foot."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
 from helpers.leaning import disturbed, leaning_poses, situations
@@ -14,7 +13,6 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
 from placement_planner_ros.core.contacts.lean_edges import lean_edges
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.types import LEVEL, Contact
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
@@ -187,37 +185,3 @@ def test_what_leans_is_moved_along_the_wall_and_to_and_from_it(leaning):
         np.testing.assert_allclose(foot - was, [*change, 0.0], atol=1e-9)
     away = contacts.moved(goal.T_world_object, goal.contact, np.array([*(2.0 * out), 0.0]))
     assert away is None
-
-
-def test_nothing_that_stands_on_a_face_is_drawn_where_only_leaning_is_asked(leaning):
-    _, problem, planner, _ = leaning
-    poses = planner._poses
-    assert all(frame is None for frame in poses.contacts.frames)
-    both = PlacementPlanner(
-        problem,
-        lambda T: 0.0,
-        PlannerSettings(contacts=("face", "lean")),
-        np.random.default_rng(0),
-    )._poses.contacts
-    faces = len(problem.body.faces)
-    assert len(both.references) == faces + len(poses.contacts.references)
-    own = {id(region) for region in problem.environment.regions}
-    for region in both.regions:
-        on_face = [k for k in range(faces) if both.ranges(k, region)]
-        leans = [k for k in range(faces, len(both.references)) if both.ranges(k, region)]
-        assert bool(on_face) == (id(region) in own)
-        assert bool(leans) == (id(region) not in own)
-    region = next(r for r in both.regions if id(r) not in own)
-    leans = next(k for k in range(faces, len(both.references)) if both.ranges(k, region))
-    at = region.sample(np.random.default_rng(0))[None]
-    T = both.poses(np.array([0, leans]), np.repeat(at, 2, axis=0), np.zeros(2), None)
-    alone = poses.contacts.poses(np.array([leans - faces]), at, np.zeros(1), None)
-    np.testing.assert_array_equal(T[1], alone[0])
-    heights = np.full(2, region.z)
-    one = poses.contacts.free(alone, np.array([leans - faces]), heights[:1], 0.02, LEVEL)
-    assert both.free(T, np.array([0, leans]), heights, 0.02, LEVEL)[1] == one[0]
-    contact = Contact(leans, region.z)
-    assert both.opening(leans) == pytest.approx(poses.contacts.opening(leans - faces))
-    assert planner._poses.stable(pin.SE3(alone[0]), leans - faces) == bool(
-        both.stable(T[1:], np.array([contact.feature]), LEVEL)[0]
-    )

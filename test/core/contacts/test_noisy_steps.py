@@ -63,10 +63,3 @@ def test_where_there_is_no_step_noise_costs_next_to_nothing(support):
     rng = np.random.default_rng(3)
     stands, _ = standing(support, environment(0.0, rng), (0.0,), rng)
     assert stands.mean() > 0.97
-
-
-def test_noise_of_heights_is_told_by_their_neighbours():
-    rng = np.random.default_rng(0)
-    for step in (0.0, STEP):
-        support = environment(step, rng).support
-        assert 0.0 < support.height_noise < 0.5 * NOISE  # of points projected onto their planes

@@ -101,23 +101,6 @@ def upright_near_the_middle(hand):
     return placed[0][0], placed[0][1][0]
 
 
-def test_changes_are_the_nearest_that_the_joints_make(hand):
-    x, q = upright_near_the_middle(hand)
-    radius = 0.1
-    scale = np.array([1.0, 1.0, radius])
-    possible = np.array(
-        [hand.any_turn.nearest_change(q, c / scale, radius) * scale for c in np.eye(3)]
-    )
-    assert possible == pytest.approx(possible.T, abs=1e-6)
-    assert possible @ possible == pytest.approx(possible, abs=1e-6)
-    assert round(float(np.trace(possible))) == (3 if turns_freely(hand) else 2)
-    for change in 0.003 * possible / scale:  # the way is a curve, off it by the square of the step
-        wanted = moved_pose(x, change)
-        given, q_given = hand.any_turn.follow(wanted, hand.face.T_face_object, q)
-        assert_reached(hand, given, q_given)
-        assert abs(turn_between(hand, wanted, given)) <= 1e-3
-
-
 def test_a_place_is_followed_with_the_turn_that_comes(hand):
     x, q = upright_near_the_middle(hand)
     near = moved_pose(x, np.array([0.01, -0.01, 0.0]))

@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers.problems import problem_of
 from scipy.interpolate import BPoly
 
 from benchmarks.cases import Case, make_problem
-from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.grasp import straight_down
 from placement_planner_ros.core.grasp.straight_down import StraightLines, greatest_stray
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.timing.quintic import control_points
 
 SLIDING = """<robot name="sliding">
   <link name="base"/><link name="a"/><link name="b"/><link name="c"/>
@@ -65,45 +61,3 @@ def test_the_bound_holds_and_is_tight(kind):
             bound = greatest_stray(chain, points, StraightLines(vertices, placed))
             seen = sampled_stray(chain, points, vertices, placed)
             assert seen - 1e-9 <= bound <= seen + 3.0 * straight_down._CHORD_DEVIATION_M
-
-
-@pytest.fixture(scope="module")
-def planned():
-    """Two cases with all that was published for them."""
-    runs = []
-    for case in (
-        Case("table", "small_crayons_box", "minimize_clearance"),
-        Case("cabinet_high_clutter", "toy_table", "minimize_clearance"),
-    ):
-        problem, objective = problem_of(case)
-        planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-        runs.append((case, problem, planner, list(planner.run(_enough(planner)))))
-    return runs
-
-
-def _enough(planner):
-    return lambda: planner.statistics.samples >= 3000
-
-
-def lines(holding, vertices, T_world_object):
-    """The chain, the object's vertices in the tip's frame, and where they are placed."""
-    T = holding.arm.grasps[holding.grasp]
-    placed = vertices @ T_world_object.rotation.T + T_world_object.translation
-    return vertices @ T.rotation.T + T.translation, placed
-
-
-def test_timed_ways_down_stay_on_the_line(planned):
-    for _, problem, planner, placements in planned:
-        for placement in placements:
-            goal, curve = placement.goal, placement.trajectory
-            holding = planner.holdings[goal.arm, goal.grasp]
-            first = int(np.searchsorted(curve.times, placement.approach_start - 1e-9))
-            points = control_points(
-                *(
-                    getattr(curve, name)[first:]
-                    for name in ("times", "positions", "velocities", "accelerations")
-                )
-            )
-            vertices, placed = lines(holding, problem.body.vertices, goal.T_world_object)
-            seen = sampled_stray(holding.chain, points, vertices, placed, 12)
-            assert seen <= CollisionSettings().approach_stray

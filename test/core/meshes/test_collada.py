@@ -101,14 +101,6 @@ def test_the_unit_counts_and_the_up_axis_does_not(axis):
     np.testing.assert_allclose(mesh.center_mass, [0.0254, 0, 0], atol=1e-12)
 
 
-def test_what_has_no_surface_may_be_wrong():
-    bind = '<bind_material><technique_common><instance_material symbol="m" target="#none"/>'
-    node = '<node><instance_camera url="#gone"/></node><node><instance_geometry url="#g">'
-    node += bind + "</technique_common></bind_material></instance_geometry></node>"
-    more = "<library_materials><material id='m'><instance_effect url='#e'/></material>"
-    assert solid(collada(nodes=node, more=more + "</library_materials>")).volume > 0.0
-
-
 @pytest.mark.parametrize(
     "data",
     [

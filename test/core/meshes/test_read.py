@@ -107,26 +107,6 @@ def test_numbers_too_large_to_be_told_apart_are_refused_with_their_value(tmp_pat
         read_mesh(path)
 
 
-CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-
-
-@pytest.mark.parametrize(
-    "face",
-    ["f 1 2 9", "f 0 1 2", "f -1 -2 -9", "f 1/1 2/1 x/1"],
-)
-def test_an_obj_whose_faces_have_no_such_vertex_is_refused_in_words(tmp_path, face):
-    (tmp_path / "a.obj").write_text(CORNERS + face + "\n")
-    with pytest.raises(ValueError, match=r"OBJ|no triangles|none of"):
-        read_mesh(tmp_path / "a.obj")
-
-
-def test_vertices_of_an_obj_that_are_counted_back_are_those_before_the_face(tmp_path):
-    above = CORNERS.replace(" 0\n", " 1\n")
-    (tmp_path / "a.obj").write_text(f"{CORNERS}f -3 -2 -1\n{above}f 4 -2//-1 \\\n -1\n")
-    vertices, triangles = read_mesh(tmp_path / "a.obj")
-    assert sorted(vertices[triangles][:, :, 2].tolist()) == [[0.0] * 3, [1.0] * 3]
-
-
 def test_a_ply_is_read_without_a_word_of_the_picture_that_it_names(tmp_path, caplog):
     data = BOX.export(file_type="ply")
     path = tmp_path / "box.ply"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
-from placement_planner_ros.core.motion.projected import ProjectedSteps
 from placement_planner_ros.core.motion.shortcut import shorten_path
 
 INNER, OUTER = 0.98, 1.02
@@ -60,22 +59,6 @@ def test_a_way_is_found_along_the_ring(seed):
     nodes, parents, _ = rrt.trees()
     for node, parent in zip(nodes, parents, strict=True):
         assert parent < 0 or ring.keeps(nodes[parent], node)
-
-
-def test_steps_come_nearer_on_edges_that_keep_it():
-    ring = Ring()
-    steps = ProjectedSteps(ring, 0.8)
-    target = np.array([np.cos(2.5), np.sin(2.5)])
-    q, arrived, number = START, False, 0
-    while not arrived:
-        step = steps.step(q, target)
-        assert step is not None
-        assert ring.keeps(q, step[0])
-        assert np.linalg.norm(step[0] - target) < np.linalg.norm(q - target)
-        (q, arrived), number = step, number + 1
-    np.testing.assert_array_equal(q, target)
-    # no chord of it is longer than 2 sqrt(OUTER² - INNER²)
-    assert 2.5 / 0.6 < number < 40
 
 
 def test_shortcuts_follow_the_ring_and_never_lengthen():

@@ -65,19 +65,6 @@ def test_arms_with_goals_that_resist_advance_alike():
     assert motion.iterations == 20 * 3 * 50
 
 
-def test_a_stop_in_the_middle_of_a_round_favours_no_arm():
-    """Whoever came off worst is first in the next round."""
-    motion = planner([holding("left"), holding("right")])
-    motion.add(goal("left", SEALED))
-    motion.add(goal("right", SEALED))
-    for _ in range(20):
-        before = motion.iterations
-        motion.plan(50, lambda before=before: motion.iterations >= before + 70)
-    left, right = spent(motion).values()
-    assert abs(left - right) <= 50
-    assert left + right == 20 * 70
-
-
 def test_goals_that_resist_starve_no_other():
     """More of them than are active at a time, all of them better."""
     motion = planner([holding("left")], active_goals=2, patience=30)

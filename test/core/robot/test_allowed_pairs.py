@@ -2,13 +2,10 @@
 
 import coal
 import numpy as np
-import pinocchio as pin
-import pytest
 import trimesh
 
 from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps
 
 
 def link(name, *boxes):
@@ -123,23 +120,6 @@ def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
     assert found.reason == "always"
     assert found.share == 1.0
     # a little less than from the middle of the case to its outside
-
-
-@pytest.mark.parametrize("apart", [0.001, 0.019, 0.0199])
-def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
-    geometry = pin.GeometryModel()
-    for name in "ab":
-        box = coal.Box(0.1, 0.1, 0.02)
-        geometry.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), box))
-    shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, apart]))
-    overlaps = Overlaps.of(geometry, (None,) * geometry.ngeoms)
-    depth = overlaps.depth(0, 1, pin.SE3.Identity(), shift)
-    assert depth == pytest.approx(0.02 - apart, abs=6e-4)
-    for beyond, found in ((0.8 * (0.02 - apart), depth), (1.2 * (0.02 - apart), 0.0)):
-        again = overlaps.depth(0, 1, pin.SE3.Identity(), shift, beyond=beyond)
-        assert again == pytest.approx(found, abs=6e-4 if found else 0.0)
-    away = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.021]))
-    assert overlaps.depth(0, 1, pin.SE3.Identity(), away) == 0.0
 
 
 def test_where_the_robot_stands_close_links_are_not_in_each_other():

@@ -8,11 +8,9 @@ import pytest
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.scenes.yumi import HOME, START_CONFIGURATION
 from placement_planner_ros.share import share_path
 
 URDF = share_path("urdf", "yumi.urdf")
-SRDF = share_path("urdf", "yumi.srdf")
 ARM = (1, 2, 7, 3, 4, 5, 6)
 
 # joint angles in degrees (order 1 2 7 3 4 5 6), position of the gripper base, quaternion x y z w
@@ -78,19 +76,6 @@ def configuration(model: pin.Model, positions: dict[str, float]) -> np.ndarray:
     return q
 
 
-def collides(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> set[tuple[str, str]]:
-    data, geometry_data = model.createData(), geometry.createData()
-    pin.computeCollisions(model, data, geometry, geometry_data, q, False)
-    link = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
-    return {
-        tuple(sorted((link[pair.first], link[pair.second])))
-        for pair, result in zip(
-            geometry.collisionPairs, geometry_data.collisionResults, strict=True
-        )
-        if result.isCollision()
-    }
-
-
 @pytest.mark.parametrize(("side", "degrees", "xyz", "xyzw"), FORWARD)
 def test_forward_kinematics_table(model, side, degrees, xyz, xyzw):
     q = configuration(
@@ -127,16 +112,6 @@ def test_joint_order_and_limits(model):
         assert (finger.get("lower"), finger.get("upper")) == ("0", "0.025")
         mimic = root.find(f"joint[@name='gripper_{side}_joint_m']/mimic")
         assert mimic.get("joint") == f"gripper_{side}_joint"
-
-
-@pytest.mark.parametrize("positions", [HOME, START_CONFIGURATION], ids=["home", "start"])
-def test_used_configurations_are_free(model, geometry, positions):
-    geometry = geometry.copy()
-    pin.removeCollisionPairs(model, geometry, str(SRDF), False)
-    q = configuration(model, positions)
-    assert collides(model, geometry, q) == set()
-    assert (q >= model.lowerPositionLimit).all()
-    assert (q <= model.upperPositionLimit).all()
 
 
 def test_link_extents(model, geometry):

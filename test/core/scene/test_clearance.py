@@ -106,27 +106,6 @@ def test_what_is_looked_up_changes_no_faster_than_a_distance_but_for_the_raster(
     assert np.quantile(change - way, 0.99) < 0.1 * CELL
 
 
-def test_floor_below_does_not_count_but_what_is_above_does(field):
-    points = np.array([[-0.1, -0.05, z] for z in (0.0087, 0.1, 0.2, 0.2599)])
-    distance = field.distance(points)
-    can = np.hypot(0.2, 0.1) - 0.034
-    np.testing.assert_allclose(distance[:3], [can, 0.1512, 0.0512], atol=CELL)
-    assert distance[3] > 0.3  # the shelf lies below, the wall is far
-
-
-def test_a_flat_ceiling_counts_wherever_it_lies_in_its_cell():
-    rng = np.random.default_rng(4)
-    for offset in np.arange(0.0, 0.01, 0.001):
-        height = BOUNDS[0][2] - 0.03 * CELL + 41 * CELL + offset
-        ceiling = plane((-0.2, -0.2, height), (0.2, 0.2, height))
-        obstacles = ObstacleSet.from_points(ceiling, bounds=BOUNDS)
-        field = ClearanceField(obstacles, VOLUME)
-        below = rng.uniform(0.15, height - 0.0038, 300)
-        points = np.c_[rng.uniform(-0.19, 0.19, (300, 2)), below]
-        error = field.distance(points) - (height - points[:, 2])
-        assert np.abs(error).max() < 2e-3  # of points 5 mm apart
-
-
 def test_distances_are_continuous_in_z(field):
     rng = np.random.default_rng(5)
     column = np.arange(-0.06, 0.4, 1e-4)
@@ -212,106 +191,6 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
     assert np.max(off) < 5e-3  # what docs/limits.md states
 
 
-def ball(centre, radius, spacing):
-    """Points of a ball, about `spacing` apart, and its d_S."""
-    n = int(4.0 * np.pi * radius**2 / spacing**2)
-    turn, up = np.pi * (1.0 + 5.0**0.5) * np.arange(n), 1.0 - (2.0 * np.arange(n) + 1.0) / n
-    around = np.sqrt(1.0 - up**2)
-    points = centre + radius * np.c_[around * np.cos(turn), around * np.sin(turn), up]
-
-    def distance(p):
-        off = p - centre
-        beside = np.linalg.norm(off[:, :2], axis=1)
-        level = beside - np.sqrt(np.maximum(radius**2 - off[:, 2] ** 2, 0.0))
-        nearest = np.where(off[:, 2] < 0.0, np.linalg.norm(off, axis=1) - radius, level)
-        return np.where(off[:, 2] <= radius, nearest, 0.5)
-
-    return points, distance
-
-
-def cone(foot, radius, height, spacing):
-    """Points of a cone's side, about `spacing` apart, and its d_S."""
-    slant = np.hypot(radius, height)
-    rings = []
-    for share in np.linspace(0.0, 1.0, int(slant / spacing) + 1):
-        r = radius * (1.0 - share)
-        angle = np.arange(max(int(2.0 * np.pi * r / spacing), 1))
-        angle = angle * 2.0 * np.pi / len(angle) + 7.0 * share
-        rings.append(
-            np.c_[r * np.cos(angle), r * np.sin(angle), np.full(len(angle), share * height)]
-        )
-
-    def distance(p):
-        beside = np.linalg.norm(p[:, :2] - foot[:2], axis=1)
-        up = p[:, 2] - foot[2]
-        return np.where(up <= height, beside - radius * (1.0 - np.maximum(up, 0.0) / height), 0.5)
-
-    return np.vstack(rings) + foot, distance
-
-
-def board(middle, radius, spacing):
-    """Points of a thin board in the air, turned by 0.4 rad, on all its sides, and its d_S."""
-    half = np.array([0.8 * radius, 0.6 * radius, 0.004])
-    points, (low, high, angle) = sampled_box(-half, half, 0.4, spacing)
-    below = points[points[:, 2] == half[2]] * np.array([1.0, 1.0, -1.0])
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def distance(p):
-        xy = (p - middle)[:, :2] @ turn
-        aside = np.maximum(np.maximum(low[:2] - xy, xy - high[:2]), 0.0)
-        z = p[:, 2] - middle[2]
-        gap = np.sqrt((aside**2).sum(axis=1) + np.maximum(low[2] - z, 0.0) ** 2)
-        return np.where(z <= high[2], gap, 0.5)
-
-    return np.vstack([points, below]) + middle, distance
-
-
-@pytest.mark.parametrize("spacing", [0.002, 0.004])
-@pytest.mark.parametrize("kind", ["ball", "ball in the air", "cone", "board"])
-def test_clearance_beside_what_is_round_or_leans_hardly_depends_on_the_origin(kind, spacing):
-    rng = np.random.default_rng(7)
-    spread, off = [], []
-    for _ in range(5):
-        foot = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.01))
-        radius = rng.uniform(0.015, 0.08)
-        if kind == "ball":
-            points, true = ball(foot + np.array([0.0, 0.0, radius]), radius, spacing)
-        elif kind == "ball in the air":
-            points, true = ball(foot + np.array([0.0, 0.0, radius + 0.04]), radius, spacing)
-        elif kind == "cone":
-            points, true = cone(foot, radius, rng.uniform(0.8, 2.0) * radius, spacing)
-        else:
-            points, true = board(foot + np.array([0.0, 0.0, 0.08]), radius, spacing)
-        floor = plane((-0.3, -0.3, foot[2]), (0.3, 0.3, foot[2]), 0.004)
-        cloud = np.vstack([floor, points])
-        line = np.arange(0.0025, 0.06, 0.005)
-        bodies, poses = [], []
-        for height in (0.02, 0.06, 0.11):
-            up = np.arange(0.0025, height, 0.005)
-            bodies.append(np.stack(np.meshgrid(line, line, up), axis=-1).reshape(-1, 3))
-            way, turn = rng.uniform(0.0, 2.0 * np.pi, 2)
-            away = radius + rng.uniform(0.1, 0.15)
-            pose = pin.SE3(pin.utils.rotate("z", turn), foot.copy())
-            pose.translation[:2] += away * np.array([np.cos(way), np.sin(way)])
-            poses.append(pose)
-        found, wanted = [], []
-        for _ in range(6):
-            low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
-            obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
-            field = ClearanceField(obstacles, VOLUME)
-            found.append([field.mean_clearance(p.homogeneous, b)[0]
-                          for p, b in zip(poses, bodies, strict=True)])  # fmt: skip
-        for pose, body in zip(poses, bodies, strict=True):
-            world = body @ pose.rotation.T + pose.translation
-            world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
-            layers = 0.005 * ((np.arange(10) + 0.5) / 10 - 0.5)
-            wanted.append(np.mean([true(world + np.array([0.0, 0.0, z])) for z in layers]))
-        spread.append(np.ptp(found, axis=0))
-        off.append(np.abs(np.array(found) - wanted))
-    assert np.max(spread) < 2e-3
-    assert np.max(off) < 5e-3  # what docs/limits.md states
-
-
 def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the_origin():
     """A ramp that rises along x through V's side, with nothing counting beyond V."""
     along, across = np.random.default_rng(3).uniform((0.2, -0.1), (0.4, 0.1), (20000, 2)).T
@@ -348,37 +227,6 @@ def test_values_around_several_boxes_are_those_of_the_definition(obstacles):
         error = np.abs(field.distance(points) - exact(obstacles, points, 0.5, volume, beyond))
         assert np.median(error) < 1e-3
         assert np.quantile(error, 0.9) < CELL
-
-
-def test_walls_just_outside_a_tight_volume_count_where_things_beyond_it_do():
-    """A bin: walls 14 mm outside V on all sides, and a shelf over it."""
-    side, wall = np.arange(-0.114, 0.115, 0.003), []
-    for z in np.arange(0.0, 0.15, 0.003):
-        edge = np.full(len(side), 0.114)
-        wall += [np.c_[side, s * edge, edge * 0 + z] for s in (-1, 1)]
-        wall += [np.c_[s * edge, side, edge * 0 + z] for s in (-1, 1)]
-    cloud = np.vstack(
-        [
-            plane((-0.114, -0.114, 0.0), (0.114, 0.114, 0.0), 0.004),
-            plane((-0.1, -0.1, 0.45), (0.1, 0.1, 0.45), 0.004),
-            *wall,
-        ]
-    )
-    obstacles = ObstacleSet.from_points(cloud, bounds=BOUNDS)
-    tight = TargetVolume(np.array([-0.1, -0.1, -0.01]), np.array([0.1, 0.1, 0.1]))
-    rng = np.random.default_rng(4)
-    points = rng.uniform((-0.099, -0.099, 0.01), (0.099, 0.099, 0.25), (500, 3))
-    paper = ClearanceField(obstacles, tight).distance(points)
-    np.testing.assert_allclose(paper, 0.5)
-    around = ClearanceField(obstacles, tight, 0.5)
-    beside = 0.114 - np.abs(points[:, :2]).max(axis=1)
-    low, high = points[:, 2] < 0.13, points[:, 2] > 0.155
-    np.testing.assert_allclose(around.distance(points[low]), beside[low], atol=0.5 * CELL)
-    over = 0.45 - points[high, 2]
-    np.testing.assert_allclose(around.distance(points[high]), over, atol=3e-3)
-    # what is further from V than that does not count
-    near = ClearanceField(obstacles, tight, 0.2)
-    np.testing.assert_allclose(near.distance(points[high]), 0.5)
 
 
 def test_an_empty_volume_has_the_cap(obstacles):
@@ -424,17 +272,6 @@ def test_mean_clearance_and_its_gradient(field):
 
     numeric = [(at(step * e) - at(-step * e)) / (2 * step) for e in np.eye(3)]
     np.testing.assert_allclose(gradient, numeric, atol=2e-3)
-
-
-def test_batches_equal_single_poses(field):
-    rng = np.random.default_rng(5)
-    body = rng.uniform(-0.04, 0.04, (50, 3))
-    poses = np.stack([pin.SE3.Random().homogeneous for _ in range(6)])
-    values, gradients = field.mean_clearance_batch(poses, body)
-    for pose, value, gradient in zip(poses, values, gradients, strict=True):
-        single = field.mean_clearance(pose, body)
-        assert single[0] == value
-        np.testing.assert_array_equal(single[1], gradient)
 
 
 def test_bad_lengths_are_refused(obstacles):

@@ -6,15 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.cases import Case, make_problem
-from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.flying_pixels import flying_among, flying_pixels
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.regions import RegionPoints
-from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,
     DepthCamera,
@@ -117,12 +110,6 @@ def test_a_few_pixels_with_nothing_around_them_stay():
     assert not gone[on_it].any()
 
 
-def test_of_a_pixel_with_nothing_around_it_nothing_is_asked():
-    points, _ = image(lambda x, y: np.zeros_like(x, dtype=bool), 0.002)
-    cloud = np.vstack([points.reshape(-1, 3), [[-2.0, -2.0, 1.0]]])
-    assert flying_pixels(cloud, np.zeros(3)).sum() < 10
-
-
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_complete_clouds_stay_as_they_are_wherever_they_are_said_to_be_seen_from(name):
     cloud = complete_cloud(scene_by_name(name))
@@ -155,25 +142,6 @@ def test_camera_clouds_lose_flying_pixels_and_hardly_any_other(name):
         assert gone[off > 0.03].mean() >= 0.95
         clean, sensor = next(views_of(scene, CLEAN))
         assert flying_pixels(clean, sensor).mean() <= 2e-4
-
-
-def test_the_order_of_the_points_and_gaps_between_them_make_no_difference():
-    points, sensor = next(views_of(scene_by_name("table"), FLYING))
-    gone = flying_pixels(points, sensor)
-    assert gone.mean() > 0.03
-    order = np.random.default_rng(1).permutation(len(points))
-    again = np.zeros(len(points), bool)
-    again[order] = flying_pixels(points[order], sensor)
-    assert (again != gone).mean() < 1e-3  # the noise is estimated from other points
-
-
-def test_among_some_points_those_are_told_that_are_among_all():
-    points, sensor = next(views_of(scene_by_name("table"), FLYING))
-    gone = flying_pixels(points, sensor)
-    rows = np.random.default_rng(2).choice(len(points), 3000, replace=False)
-    told = flying_among(points, sensor, rows)
-    assert not told[~gone[rows]].any()
-    assert told.sum() >= 0.95 * gone[rows].sum() > 50
 
 
 def boxes(*sizes_and_centres):
@@ -242,37 +210,3 @@ def test_what_flies_close_before_a_floor_seen_at_a_flat_angle_goes():
     gone = flying_pixels(points, eye)
     assert gone[height < 0.001].mean() <= 1e-3  # of these some fly, too
     assert gone[height > 0.006].mean() >= 0.97
-
-
-def feasible_area(problem, points):
-    """Of the poses of a small box on all that was found to place it on, in m²."""
-    made = problem
-    bounds = workspace(made.robot, made.arms, made.q_start, made.body, made.volume)
-    environment = Environment.from_points(points, made.volume, bounds=bounds, beyond_volume=False)
-    problem = replace(made, environment=environment)
-    settings = PlannerSettings()
-    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.05)
-    rng = np.random.default_rng(0)
-    regions = poses.regions
-    areas = np.array([region.area for region in regions])
-    picked = rng.choice(len(regions), 4000, p=areas / areas.sum())
-    slopes = np.array([region.slope for region in regions])[picked]
-    contacts = RegionPoints(regions).sample(picked, rng)
-    faces = rng.integers(len(made.body.faces), size=len(picked))
-    verdicts, _ = poses.verdicts(faces, contacts, rng.uniform(0.0, 6.28, len(picked)), slopes)
-    return float((verdicts == Verdict.FEASIBLE).mean() * areas.sum())
-
-
-def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses():
-    """Of this draw 0.96 are left."""
-    name = "cabinet_low_clutter"
-    scene = scene_by_name(name)
-    problem, _ = make_problem(
-        Case(name, "small_crayons_box", "maximize_clearance"), np.random.default_rng(0)
-    )
-    clean = np.vstack([points for points, _ in views_of(scene, CLEAN, 3)])
-    seen = views_of(scene, FLYING, 3)
-    filtered = np.vstack([points[~flying_pixels(points, sensor)] for points, sensor in seen])
-    possible = feasible_area(problem, clean)
-    assert possible > 0.01
-    assert feasible_area(problem, filtered) >= 0.9 * possible

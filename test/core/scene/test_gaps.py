@@ -17,8 +17,6 @@ from helpers.gratings import (
     wires,
 )
 
-from placement_planner_ros.core.types import upright
-
 TOLERANCE = 0.003
 
 
@@ -155,44 +153,3 @@ def test_solid_surfaces_stay_solid_however_they_are_sampled(kind, cell):
         probes = rng.uniform(-0.07, 0.07, (5000, 2))
         stands = support.supported(at(probes), TOLERANCE)
         assert stands.mean() > 0.99
-
-
-def test_where_density_changes_a_strip_is_lost_and_no_more():
-    """Where two clouds of different spacing meet: dense and sparse, as of a mesh."""
-    rng = np.random.default_rng(5)
-    dense, sparse = (sampled(solid, spacing, rng, 0.4) for spacing in (0.0015, 0.005))
-    points = at(np.vstack([dense[dense[:, 0] < 0.0], sparse[sparse[:, 0] >= 0.0]]))
-    _, support = support_of(points)
-    probes = rng.uniform(-0.08, 0.08, (5000, 2))
-    stands = support.supported(at(probes), TOLERANCE)
-    assert stands[probes[:, 0] < -0.005].all()
-    assert stands[probes[:, 0] > 0.065].mean() > 0.95
-
-
-def test_regions_leave_gaps_out():
-    rng = np.random.default_rng(6)
-    inside = bars(0.005, 0.01, 0.0)
-    regions, _ = support_of(at(sampled(inside, 0.0024, rng)))
-    whole, _ = support_of(at(sampled(solid, 0.0024, rng)))
-    area, of_all = (sum(each.area for each in found) for found in (regions, whole))
-    assert 0.15 < area / of_all < 0.5  # a third is bars
-
-
-def test_gaps_of_a_grating_that_slopes():
-    from placement_planner_ros.core.scene.environment import Environment
-    from placement_planner_ros.core.types import TargetVolume
-
-    rng = np.random.default_rng(7)
-    inside = bars(0.005, 0.012, 0.5)
-    slope = (0.03, -0.04)
-    turn = upright(slope)
-    points = at(sampled(inside, 0.0015, rng, 0.8), 0.0) @ turn.T + (0.0, 0.0, Z)
-    volume = TargetVolume(np.full(3, -0.2), np.full(3, 0.3))
-    environment = Environment.from_points(points, volume, bounds=(volume.lower, volume.upper))
-    assert len(environment.inclines) == 1
-    support = environment.inclines[0].support
-    probes = rng.uniform(-0.08, 0.08, (8000, 2))
-    stands = support.supported(at(probes, 0.0) @ turn.T + (0.0, 0.0, Z), TOLERANCE)
-    depth = inside(probes)
-    assert depth[stands].min() > -0.4e-3
-    assert stands[depth > 0.0009].mean() > 0.8

@@ -33,21 +33,6 @@ def test_clean_points_all_lie_in_the_boxes_of_their_cells():
     assert inside_some_box(obstacles, points).all()
 
 
-def test_boxes_stay_in_their_cells_and_the_index_finds_each_once():
-    obstacles = ObstacleSet.from_points(floor_and_wall(), bounds=BOUNDS)
-    cell_lower = obstacles.origin + obstacles.cells * obstacles.cell_size
-    assert (obstacles.lower >= cell_lower - 1e-12).all()
-    assert (obstacles.upper <= cell_lower + obstacles.cell_size + 1e-12).all()
-    seen = []
-    for first in obstacles.index[obstacles.index >= 0]:
-        row = first
-        while row >= 0:
-            seen.append(row)
-            assert (obstacles.cells[row] == obstacles.cells[first]).all()
-            row = obstacles.next[row]
-    assert sorted(seen) == list(range(len(obstacles)))
-
-
 def test_level_surface_is_flat_and_has_no_gaps_and_ends_at_its_measured_edge():
     lower, upper = (-0.2037, -0.1512, 0.0), (0.2111, 0.1644, 0.0)
     obstacles = ObstacleSet.from_points(plane(lower, upper, 0.004), bounds=BOUNDS)
@@ -105,18 +90,6 @@ def test_noisy_surface_becomes_level_and_the_corner_stays_usable():
     beside = (obstacles.upper[:, 1] > 0.19) & (obstacles.lower[:, 1] < 0.195)
     beside &= (np.abs(center[:, 0]) < 0.2) & (obstacles.lower[:, 2] < 0.02)
     assert (obstacles.upper[beside, 2] < 0.003).mean() > 0.9
-
-
-def test_denoising_leaves_clean_curved_and_thin_things_alone():
-    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
-    height = np.arange(0.0, 0.3, 0.003)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    can = np.concatenate([np.c_[0.034 * circle, np.full(60, z)] for z in height])
-    stem = np.concatenate([np.c_[0.004 * circle[::6] + 0.2, np.full(10, z)] for z in height])
-    points = np.vstack([can, stem, plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0))])
-    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
-    assert obstacles.noise == 0.0
-    assert inside_some_box(obstacles, points).all()
 
 
 @pytest.mark.parametrize(("spacing", "noise"), [(0.003, 0.0002), (0.005, 0.00029)])

@@ -5,7 +5,6 @@ import pytest
 from helpers.tilts import slope_of
 
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness
@@ -70,15 +69,6 @@ def test_what_noise_explains_is_level_and_an_ideal_level_table_exactly_so(noise)
         assert {region.slope for region in made.regions} == {LEVEL}
 
 
-def test_only_slopes_that_come_into_v_are_looked_at():
-    slope = slope_of(2.0, 0.3)
-    low = patch((-0.2, -0.2), (0.2, 0.2), LEVEL)
-    for height, looked_at in ((0.13, True), (0.19, False)):  # V ends at 0.15
-        beside = patch((0.3, -0.2), (0.5, 0.2), slope, height)
-        for more in (beside, beside + np.array([-0.8, 0.0, -0.8 * slope[0]])):
-            assert bool(environment_of(low, more).inclines) is looked_at, (height, more)
-
-
 def test_steeper_surfaces_are_no_support_and_are_told_with_their_angle():
     steep = patch((0.0, -0.4), (0.4, 0.4), slope_of(7.0, 0.0))
     level = patch((-0.4, -0.4), (0.0, 0.4), LEVEL)
@@ -132,28 +122,6 @@ def test_the_ends_of_a_tilted_plate_are_those_of_its_points():
             stands = support.supported(np.column_stack([xy, 0.013 + xy @ slope]), 0.003, margin)
             assert (inside[stands] > margin - 0.0026).all()
             assert stands[inside > margin + 0.012].all()
-
-
-def test_heights_of_boxes_above_a_slope_are_those_of_their_points():
-    rng = np.random.default_rng(4)
-    points = rng.uniform([-0.1, -0.1, 0.0], [0.1, 0.1, 0.05], (3000, 3))
-    made = ObstacleSet.from_points(points, bounds=BOUNDS)
-    slope = slope_of(12.0, 0.4)
-    assert (made.tops(LEVEL) == made.upper[:, 2]).all()
-    tops = made.tops(slope)
-    for k in range(len(made)):
-        own = made.points[made.first_point[k] : made.first_point[k + 1]].astype(float)
-        above = (own[:, 2] - own[:, :2] @ slope).max() + made.upper[k, 2] - own[:, 2].max()
-        assert tops[k] == pytest.approx(above, abs=1e-7)
-    assert sum(np.diff(made.first_point)) == len(made.points) == 3000
-    unseen = np.array([[5, 5, 5], [60, 60, 41]], dtype=np.int32)
-    more = made.with_full_cells(unseen)
-    same = np.flatnonzero(np.diff(more.first_point))
-    assert more.tops(slope)[same] == pytest.approx(tops)
-    for k in np.flatnonzero(np.diff(more.first_point) == 0):
-        corners = np.array(np.meshgrid(*np.array([more.lower[k], more.upper[k]]).T)).reshape(3, -1)
-        highest = (corners[2] - np.array(slope) @ corners[:2]).max()
-        assert more.tops(slope)[k] == pytest.approx(highest)
 
 
 def test_small_knobs_on_a_noisy_table_are_not_taken_for_noise():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.run.surroundings import environment_notes
@@ -110,10 +109,3 @@ def coins(x, y):
 @pytest.mark.parametrize("leaf", [0.008, 0.01])
 def test_on_low_relief_nothing_stands_without_rays(relief, leaf):
     assert carried(voxel_filtered(relief, leaf)) < 0.02
-
-
-def test_a_thinned_cloud_is_taken_as_it_is():
-    points = voxel_filtered(table, 0.008)
-    obstacles = ObstacleSet.from_points(points)
-    assert obstacles.noise == 0.0
-    assert len(obstacles.points) == len(points)

@@ -73,22 +73,6 @@ def test_no_pose_of_a_cell_exceeds_its_bound(problem, cells, name):
     assert name == "weighted" or np.median(most[small] - values[small].max(axis=1)) < 0.02
 
 
-def test_an_envelope_is_nowhere_below_and_no_steeper_than_one(problem):
-    """Between any two pixels, along the eight directions."""
-    field = problem.environment.clearance
-    for sign in (1.0, -1.0):
-        values, raised = (sign * each._table.values for each in (field, field.envelope(sign)))
-        assert (raised >= values).all()
-        assert np.abs(raised - values).max() < 0.03
-        for axis in (1, 2):
-            assert np.abs(np.diff(raised, axis=axis)).max() <= field.pixel * (1.0 + 1e-5)
-        for aslant in (
-            raised[:, 1:, 1:] - raised[:, :-1, :-1],
-            raised[:, 1:, :-1] - raised[:, :-1, 1:],
-        ):
-            assert np.abs(aslant).max() <= np.sqrt(2.0) * field.pixel * (1.0 + 1e-5)
-
-
 def test_a_cell_in_which_all_collides_holds_no_free_pose(problem, cells):
     planner = planner_of(problem, OBJECTIVES[0])
     ruled = planner._bounds.rulings(cells[0]) == Ruling.COLLIDING

@@ -172,13 +172,3 @@ def test_a_larger_batch_spends_as_many_samples_and_forgets_none():
         for arm, _, _, *contact, angle in checker.asked
     )
     assert made.tree.reward(0) == pytest.approx(total)
-
-
-def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
-    assert checks_passed(Verdict.FEASIBLE) == 1.0
-    assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
-    rewards = [checks_passed(v) for v in Verdict if v is not Verdict.BREAKS_RULE]
-    assert rewards == sorted(rewards)
-    demoted = checks_passed(Verdict.FEASIBLE, better=False)
-    assert demoted == checks_passed(Verdict.NOT_BETTER)
-    assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)

@@ -8,8 +8,6 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.regions import Region
@@ -134,20 +132,6 @@ def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     small = slice(-len(hierarchy(problem).sets.cells), None)
     never = ~stable[small].any(axis=1) & (rulings[small] != Ruling.OUT_OF_REACH)
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
-
-
-def planned(problem, prune=True, samples=2000):
-    context = ObjectiveContext(problem.environment, problem.volume, problem.body)
-    planner = planner_of(problem, make_objective("maximize_clearance", context), prune)
-    return planner, list(planner.run(lambda: planner.statistics.samples >= samples))
-
-
-@pytest.mark.parametrize("prune", [True, False])
-def test_what_is_ruled_out_need_not_be_left_out_of_the_search(cabinet, prune):
-    planner, placements = planned(cabinet[0], prune, 3500)
-    assert placements
-    assert planner.exhausted == ""
-    assert planner.cause is None
 
 
 class Treasures:

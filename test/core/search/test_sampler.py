@@ -9,13 +9,11 @@ import pytest
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import (
-    CELL_COLUMNS,
     LOWER,
-    SET,
     UPPER,
     Y,
 )
-from placement_planner_ros.core.search.expected_improvement import DEPTH, ImprovementModel
+from placement_planner_ros.core.search.expected_improvement import ImprovementModel
 from placement_planner_ros.core.search.hierarchy import (
     AfrHierarchy,
     AfrNode,
@@ -25,7 +23,6 @@ from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import (
     OptimisticSampler,
     OptimisticSettings,
-    _Cells,
 )
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
@@ -187,22 +184,6 @@ def test_the_same_seed_gives_the_same_goals(kind):
     assert run(1) != run(2)
 
 
-def test_cells_follow_what_is_best_without_forgetting_the_rest():
-    made, checker = sampler(OptimisticSampler, samples_per_call=50, uniform_first=500)
-    best = -np.inf
-    while made.count.samples < 4000:
-        best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
-    contacts = np.array(checker.contacts)[500:]
-    in_corner = (contacts[:, :2] < 0.1).all(axis=1)
-    assert in_corner.mean() > 2 * (0.01 / 0.17)
-    near = contacts[in_corner][:, 0]
-    assert np.median(near) < 0.04
-    others = contacts[~in_corner]
-    assert (
-        np.histogram2d(others[:, 0], others[:, 1], bins=4, range=[[0, 0.4]] * 2)[0] > 0
-    ).sum() > 14
-
-
 def test_what_is_better_and_hard_to_reach_is_not_put_aside():
     """The better half is reached by one try in a hundred, the other always."""
 
@@ -242,36 +223,6 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
         model.learn(state[1:], yes, np.ones(1), 0.0)
     assert model.outlook(parts[1])[0] > 0.8
     assert model.outlook(parts[0])[0] < 0.01
-
-
-def test_what_tries_cost_is_learned_where_they_are_made():
-    """And of two places alike the one where they cost less is taken first."""
-    model = ImprovementModel(1)
-    cheap, dear = nodes = [model.add_node(0) for _ in range(2)]
-    for verdict, node in [(Verdict.NO_IK, cheap), (Verdict.NO_RETREAT, dear)] * 50:
-        model.learn(model.coarse([node]), np.array([verdict]), np.ones(1), 0.0)
-    chances, costs = zip(*map(model.outlook, nodes), strict=True)
-    assert chances[0] == pytest.approx(chances[1], rel=0.2)
-    assert costs[0] < 0.1 * costs[1]
-    cells, state = np.zeros((2, CELL_COLUMNS)), model.coarse([dear, cheap])
-    cells[:, SET] = [1, 0]
-    filed = _Cells(model)
-    filed.add(cells, state, 0.5)
-    assert filed.take()[0][SET] == 0
-
-
-def test_what_promises_more_than_it_gives_is_believed_less():
-    model = ImprovementModel(1)
-    state = model.coarse([model.add_node(0)] * 100)
-    rng = np.random.default_rng(0)
-    free = np.full(100, Verdict.NOT_BETTER)
-    model.learn(state, free, rng.normal(size=100), 1.0)
-    before = state.copy()
-    before[:, DEPTH] = 1
-    first, _ = model.promise(state[:1], 1.0)
-    for _ in range(5):  # parts that are as their whole, and never better
-        model.learn(before, free, np.full(100, -3.0), 1.0)
-    assert model.promise(state[:1], 1.0)[0] < 0.2 * first
 
 
 @pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
@@ -329,24 +280,6 @@ def test_it_goes_on_where_pruning_leaves_next_to_nothing():
     assert len(checker.contacts) == 5000
     fine = np.array([cell for cell, _ in iter(made._filed.take, None)])
     assert (fine[:, UPPER] - fine[:, LOWER])[:, :2].min() < 0.5 * 0.1
-
-
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
-def test_of_the_samples_of_a_round_the_share_asked_for_is_uniform(share):
-    made, _ = sampler(
-        OptimisticSampler, samples_per_call=500, uniform_share=share, uniform_first=500
-    )
-    made.sample_goals(-np.inf, never)
-    rounds = 0
-    while True:
-        made._begin_round(refine=True)
-        refined = int((made._state[:, DEPTH] > 0).sum())
-        if not refined:
-            break  # all that was filed is split
-        rounds += 1
-        wanted = max(1.0, refined * share / (1.0 - share))
-        assert (made._state[:, DEPTH] == 0).sum() == pytest.approx(wanted, abs=1.0)
-    assert rounds > 5
 
 
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
