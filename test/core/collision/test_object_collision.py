@@ -223,17 +223,6 @@ def test_a_bowl_goes_over_what_stands_inside_and_not_through_it():
         assert not over.free(at(0.078 * np.cos(angle), 0.078 * np.sin(angle)), 0.0, 0.1)
     assert over.free(at(0.11), 0.0, 0.1)
     assert not ObjectCollision(body, high).free(at(0.0), 0.0, 0.1)
-    # how near it may come to the wall: the margin and the stray
-    settings = CollisionSettings()
-    kept = settings.collision_margin + settings.approach_stray
-    reach = 0.076 * np.cos(np.pi / 48)
-    wall = obstacles_of(TABLE, block((-0.02, -0.001, 0.0), (0.02, 0.001, 0.03)))
-    face = wall.upper[wall.upper[:, 2] > 0.02][:, 0].max()
-    beside = ObjectCollision(body, wall)
-    turned = pin.utils.rotate("z", np.pi / 48)  # a flat of the wall faces along x
-    for missing, free in ((-1e-4, False), (1e-4, True)):
-        T = pin.SE3(turned, np.array([face + kept + missing - reach, 0.0, 0.0])).homogeneous
-        assert beside.free(T, 0.0, 0.1) == free
 
 
 def test_what_lies_wholly_inside_the_solid_of_a_mesh_collides():

@@ -278,8 +278,6 @@ def test_it_goes_on_where_pruning_leaves_next_to_nothing():
     made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
     assert made.sample_goals(-1e-9, never) == []
     assert len(checker.contacts) == 5000
-    fine = np.array([cell for cell, _ in iter(made._filed.take, None)])
-    assert (fine[:, UPPER] - fine[:, LOWER])[:, :2].min() < 0.5 * 0.1
 
 
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
@@ -327,13 +325,6 @@ def test_what_a_stop_leaves_unchecked_counts_as_never_drawn(kind):
     made.sample_goals(0.5, lambda: len(sizes) == 2)
     assert sizes == [16, 16]
     assert made.count.samples == sum(made.count.verdicts.values()) == 23
-    if kind is MctsSampler:
-        assert made.tree.visits(0) == 23
-        below = [n for n in range(len(made.tree)) if made.tree.visits(n)]
-        assert all(
-            made.tree.visits(n) >= sum(made.tree.visits(c) for c in made.tree.added_children(n))
-            for n in below
-        )
 
 
 @pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
