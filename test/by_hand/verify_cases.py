@@ -15,11 +15,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from checker import Solution, SolutionChecker, Task, Tolerances
+from checker import Solution, SolutionChecker
+from helpers.tasks import yumi_checker, yumi_task
 
 from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -32,29 +32,15 @@ from placement_planner_ros.scenes.yumi import (
     start_configuration,
     yumi_arm,
 )
-from placement_planner_ros.share import PACKAGE, share_path
 
 
 def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecker:
     """The checker of one case."""
     scene, held = scene_by_name(case["scene"]), object_by_name(case["object"])
-    urdf = share_path("urdf", "yumi.urdf")
-    task = Task(
-        solids=scene.parts,
-        volume_lower=scene.volume.boxes[:, 0],
-        volume_upper=scene.volume.boxes[:, 1],
-        object_vertices=held.vertices,
-        object_triangles=held.triangles,
-        center_of_mass=held.center_of_mass,
-        urdf=urdf.read_text(encoding="utf-8"),
-        srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        package_dirs={PACKAGE: urdf.parent.parent},
-        q_start=start_configuration(held),
-        objective=case["objective"],
-        measured=_measured(case["scene"], case["object"]) if case["cloud"] == "complete" else None,
+    measured = _measured(case["scene"], case["object"]) if case["cloud"] == "complete" else None
+    return yumi_checker(
+        yumi_task(scene, held, case["objective"], measured=measured), contact=contact
     )
-    limit = PlannerSettings().timing.acceleration_limits[0]
-    return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
 
 
 @functools.cache

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
 from by_hand.verify_cases import read_solution
-from checker import SolutionChecker, Task, Tolerances
 from helpers.settle import settle
+from helpers.tasks import yumi_checker, yumi_task
 
 from benchmarks.household import object_by_name
 from benchmarks.json_lines import append_line, read_lines
@@ -31,38 +31,21 @@ from benchmarks.situations.runs import (
     job_key,
 )
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
-from placement_planner_ros.share import PACKAGE, share_path
 
 
 def checker_of(situation, cloud):
     """The checker of a situation; the margin is checked on what was measured of all of it."""
     held = object_by_name(situation.thing)
-    urdf = share_path("urdf", "yumi.urdf")
     measured = None
     if cloud == "complete":
         obstacles = _obstacles(situation, held)
         measured = np.stack([obstacles.lower, obstacles.upper])
-    task = Task(
-        solids=situation.scene.parts,
-        volume_lower=situation.scene.volume.boxes[:, 0],
-        volume_upper=situation.scene.volume.boxes[:, 1],
-        object_vertices=held.vertices,
-        object_triangles=held.triangles,
-        center_of_mass=held.center_of_mass,
-        urdf=urdf.read_text(encoding="utf-8"),
-        srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        package_dirs={PACKAGE: urdf.parent.parent},
-        q_start=start_configuration(held),
-        objective=OBJECTIVE if cloud == "complete" else "",
-        measured=measured,
-        support=situation.support,
-    )
-    limit = PlannerSettings().timing.acceleration_limits[0]
-    return SolutionChecker(task, Tolerances(acceleration_limit=limit))
+    objective = OBJECTIVE if cloud == "complete" else ""
+    changes = {"measured": measured, "support": situation.support}
+    return yumi_checker(yumi_task(situation.scene, held, objective, **changes))
 
 
 def _obstacles(situation, held):

@@ -12,12 +12,12 @@ penetration.
 
 from .asked import check_asked
 from .carrying import Way, check_carrying, way_of_object
-from .check import SolutionChecker, check_solution
+from .check import SolutionChecker
 from .clearance import upright_prisms
 from .curve import check_limits, states_along
-from .insides import piece_voxels, voxel_centres
+from .insides import piece_voxels
 from .leaning import balance, check_leaning
-from .pieces import Piece, convex_components, mesh_components, object_pieces
+from .pieces import Piece, mesh_components, object_pieces
 from .robot import RobotModel
 from .shapes import convex
 from .stance import check_stance
@@ -42,16 +42,13 @@ __all__ = [
     "check_carrying",
     "check_leaning",
     "check_limits",
-    "check_solution",
     "check_stance",
     "convex",
-    "convex_components",
     "mesh_components",
     "object_pieces",
     "piece_voxels",
     "states_along",
     "surface_normal",
     "upright_prisms",
-    "voxel_centres",
     "way_of_object",
 ]

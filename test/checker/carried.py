@@ -42,7 +42,7 @@ def carried_polygon(
                 touching.max(axis=0) < outline.min(axis=0)
             )
             if not apart.any():
-                found.append(_cut(touching, outline))
+                found.append(clipped(touching, outline))
     return _outline(np.concatenate(found))
 
 
@@ -99,7 +99,7 @@ def _below(triangle: Array, normal: Array, height: float) -> Array:
     return _kept(triangle, triangle @ normal - height)
 
 
-def _cut(polygon: Array, outline: Array) -> Array:
+def clipped(polygon: Array, outline: Array) -> Array:
     """(k, 2) what of a polygon lies within a convex outline, anticlockwise."""
     for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         if len(polygon) == 0:

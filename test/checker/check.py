@@ -18,16 +18,6 @@ from .task import Array, Solution, Task, Tolerances, world_vertices
 from .world import World
 
 
-def check_solution(
-    task: Task,
-    solution: Solution,
-    previous_objective: float | None = None,
-    tolerances: Tolerances | None = None,
-) -> list[str]:
-    """Everything that is wrong with a solution, one sentence each; empty where it is right."""
-    return SolutionChecker(task, tolerances).check(solution, previous_objective)
-
-
 class SolutionChecker:
     """Checks any number of solutions to one task."""
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from .carried import clipped
 from .insides import piece_voxels
 from .pieces import Piece
 from .stance import standing_along
@@ -100,23 +101,6 @@ def upright_prisms(vertices: Array, thickness: float = 0.002) -> list[tuple[Arra
     return result
 
 
-def _clip(outline: Array, lower: Array, upper: Array) -> Array:
-    """A convex polygon's part within a rectangle (Sutherland–Hodgman); (0, 2) where none is."""
-    for axis in (0, 1):
-        for sign, bound in ((1.0, upper[axis]), (-1.0, -lower[axis])):
-            kept: list[Array] = []
-            for p, r in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                dp, dr = sign * p[axis] - bound, sign * r[axis] - bound
-                if dp <= 0:
-                    kept.append(p)
-                if dp * dr < 0:
-                    kept.append(p + dp / (dp - dr) * (r - p))
-            if not kept:
-                return np.empty((0, 2))
-            outline = np.array(kept)
-    return outline
-
-
 def _lower_distance(
     best: Array,
     points: Array,
@@ -128,7 +112,8 @@ def _lower_distance(
 ) -> None:
     """Lower `best` (n,) to the distance sideways and upwards to a prism's part in V."""
     low, high = max(low, volume_lower[2]), min(high, volume_upper[2])
-    outline = _clip(outline, volume_lower, volume_upper)
+    (x0, y0), (x1, y1) = volume_lower[:2], volume_upper[:2]
+    outline = clipped(outline, np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]))
     if low >= high or len(outline) < 3:
         return
     rise = np.maximum(low - points[:, 2], 0.0)

@@ -27,11 +27,7 @@ def inside(corners: Array, point: Array) -> bool:
     """Whether closed triangles (t, 3, 3) wind around a point (3,)."""
     if not ((point > corners.min(axis=(0, 1))) & (point < corners.max(axis=(0, 1)))).all():
         return False
-    a, b, c = np.moveaxis(corners - point, 1, 0)
-    na, nb, nc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-    volume = (a * np.cross(b, c)).sum(axis=1)
-    whole = na * nb * nc + (a * b).sum(axis=1) * nc + (b * c).sum(axis=1) * na
-    return bool(abs(np.arctan2(volume, whole + (c * a).sum(axis=1) * nb).sum()) > np.pi)
+    return bool(wound(corners, point[None])[0])
 
 
 def wound(corners: Array, points: Array) -> npt.NDArray[np.bool_]:
@@ -82,21 +78,4 @@ def piece_voxels(pieces: Sequence[Piece], size: float = 0.005) -> Array:
                 kept = u + v <= 1 + 1e-9
                 on = a + u[kept, None] * (b - a) + v[kept, None] * (c - a)
                 inside[tree.query(on, p=np.inf)[1]] = True
-    return np.asarray(lattice[inside])
-
-
-def voxel_centres(components: Sequence[Array], size: float = 0.005) -> Array:
-    """(n, 3) centres inside a solid, of the voxels of a lattice centred on the bounding box."""
-    everything = np.vstack(components)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    counts = np.ceil((high - low) / size - 1e-9)
-    ticks = [
-        (low[i] + high[i]) / 2 + (np.arange(counts[i]) - (counts[i] - 1) / 2) * size
-        for i in range(3)
-    ]
-    lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = np.zeros(len(lattice), dtype=bool)
-    for points in components:
-        hull = ConvexHull(points)
-        inside |= (lattice @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) < 1e-9
     return np.asarray(lattice[inside])

@@ -83,23 +83,3 @@ def _piece(corners: Array, closed: bool) -> Piece:
         if all((at @ planes[:, :3].T + planes[:, 3]).max(axis=1).min() > -1e-6 for at in chunks):
             return Piece(corners, True, True, convex(np.unique(points, axis=0)))
     return Piece(corners, closed, False, surface)
-
-
-def convex_components(vertices: Array, triangles: Triangles) -> list[Array]:
-    """Vertices (k, 3) of each connected component of a mesh.
-
-    Raises:
-        ValueError: a component is not convex.
-    """
-    edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (len(vertices),) * 2)
-    count, label = connected_components(graph, directed=False)
-    result = []
-    for k in range(count):
-        points = np.asarray(vertices)[label == k]
-        hull = ConvexHull(points)
-        depth = -(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-        if depth.max() > 1e-6:
-            raise ValueError(f"component {k} of the object is not convex")
-        result.append(points)
-    return result

@@ -90,11 +90,11 @@ class Task:
     object_vertices: Array
     object_triangles: npt.NDArray[np.int64]
     center_of_mass: Array
-    urdf: str
-    srdf: str
-    package_dirs: Mapping[str, str | Path]
-    q_start: Mapping[str, float]
-    objective: str
+    urdf: str = ""
+    srdf: str = ""
+    package_dirs: Mapping[str, str | Path] = field(default_factory=dict)
+    q_start: Mapping[str, float] = field(default_factory=dict)
+    objective: str = "none"
     measured: Array | None = None
     beyond: float = 0.0
     support: str = "vertices"
@@ -114,29 +114,11 @@ class Task:
         return np.stack(corners, axis=1)
 
     @classmethod
-    def of(
-        cls,
-        scene: Any,
-        thing: Any,
-        urdf: str,
-        srdf: str,
-        package_dirs: Mapping[str, str | Path],
-        q_start: Mapping[str, float],
-        objective: str,
-    ) -> Task:
-        """Of a bundled `Scene` and `GraspedObject`."""
+    def of(cls, scene: Any, thing: Any, **more: Any) -> Task:
+        """Of a `Scene` and anything that has vertices, triangles and a center_of_mass."""
+        corners = scene.volume.boxes[:, 0], scene.volume.boxes[:, 1]
         return cls(
-            scene.parts,
-            scene.volume.boxes[:, 0],
-            scene.volume.boxes[:, 1],
-            thing.vertices,
-            thing.triangles,
-            thing.center_of_mass,
-            urdf,
-            srdf,
-            package_dirs,
-            q_start,
-            objective,
+            scene.parts, *corners, thing.vertices, thing.triangles, thing.center_of_mass, **more
         )
 
 

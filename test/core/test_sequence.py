@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from checker import Solution, SolutionChecker, Task, Tolerances
+from checker import Solution
+from helpers.tasks import yumi_checker, yumi_task
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -16,7 +17,6 @@ from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
-from placement_planner_ros.share import PACKAGE, share_path
 
 ORDER = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")
 OBJECTIVE = "minimize_clearance"
@@ -35,21 +35,6 @@ def problem_among(scene, held, robot):
         beyond_volume=False,
     )
     return Problem(robot, arms, q_start, body, scene.volume, environment)
-
-
-def checker_of(scene, held):
-    urdf = share_path("urdf", "yumi.urdf")
-    task = Task.of(
-        scene,
-        held,
-        urdf.read_text(encoding="utf-8"),
-        share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        {PACKAGE: urdf.parent.parent},
-        start_configuration(held.name),
-        OBJECTIVE,
-    )
-    limit = PlannerSettings().timing.acceleration_limits[0]
-    return SolutionChecker(task, Tolerances(acceleration_limit=limit))
 
 
 def with_placed(scene, held, T_world_object):
@@ -78,6 +63,7 @@ def test_four_objects_one_after_the_other():
         assert placements, f"{name}: {planner.explain().short}"
         best = placements[-1]
         arm = next(arm for arm in problem.arms if arm.name == best.goal.arm)
-        assert checker_of(scene, held).check(Solution.of(best, arm)) == []
+        checker = yumi_checker(yumi_task(scene, held, OBJECTIVE))
+        assert checker.check(Solution.of(best, arm)) == []
         scene = with_placed(scene, held, best.T_world_object)
     assert len(scene.things) == len(scene_by_name("cabinet_low_clutter").things) + len(ORDER)

@@ -1,7 +1,7 @@
 """Drops a body onto a plane in a physics engine: where it comes to rest, and whether it stays.
 
 A plane touches nothing of a body but its convex hull, so mujoco's hull of a mesh is exact here, of
-hollow things too. Their mass is that of what they are made of, by lines through the mesh.
+hollow things too. Their mass is that of what they are made of.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import trimesh
-from scipy.sparse.csgraph import connected_components
+from checker import object_pieces, piece_voxels
 from scipy.spatial import ConvexHull
 
 FRICTION = 0.8
@@ -39,56 +39,17 @@ class Mass:
     inertia: np.ndarray
 
 
-def mass_of(mesh: trimesh.Trimesh, spacing: float = 0.0005) -> Mass:
-    """Of the union of a mesh's closed components, by lines along z so far apart, metres."""
-    welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    graph = trimesh.graph.edges_to_coo(welded.edges, len(welded.vertices))
-    if connected_components(graph, directed=False)[0] == 1:
+def mass_of(mesh: trimesh.Trimesh, spacing: float = 0.0025) -> Mass:
+    """Of the union of a mesh's closed components; of several by cells so large, metres."""
+    pieces = object_pieces(mesh.vertices, mesh.faces)
+    if len(pieces) == 1:
+        welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
         return Mass(welded.volume, welded.center_mass, welded.moment_inertia / welded.volume)
-    corners = np.asarray(welded.triangles)
-    start = corners.min(axis=(0, 1)) + spacing * np.array([0.31, 0.43, 0.0])
-    crossings = _crossings(corners, start, spacing)
-    crossings = crossings[np.lexsort((crossings[:, 2], crossings[:, 1], crossings[:, 0]))]
-    # every line ends outside, so depths need not be told apart by line
-    depth = np.cumsum(crossings[:, 3]).round()
-    before = np.append(0.0, depth[:-1])
-    begins, ends = (depth > 0) & (before == 0), (depth == 0) & (before > 0)
-    x, y = (start[:2] + spacing * crossings[begins, :2]).T
-    a, b = crossings[begins, 2], crossings[ends, 2]
-    length = b - a
-    total = length.sum()
-    center = np.array([length @ x, length @ y, 0.5 * (b**2 - a**2).sum()]) / total
-    x, y, a, b = x - center[0], y - center[1], a - center[2], b - center[2]
-    half = 0.5 * (b**2 - a**2)
-    second = [
-        [length @ x**2, length @ (x * y), half @ x],
-        [length @ (x * y), length @ y**2, half @ y],
-        [half @ x, half @ y, ((b**3 - a**3) / 3.0).sum()],
-    ]
-    inertia = np.trace(second) * np.eye(3) - second
-    return Mass(total * spacing**2, center, inertia / total)
-
-
-def _crossings(corners, start, spacing):
-    """(n, 4) column, row, z and +1 or -1 of where lines enter or leave a component."""
-    found = []
-    low = np.ceil((corners[:, :, :2].min(axis=1) - start[:2]) / spacing).astype(int)
-    high = np.floor((corners[:, :, :2].max(axis=1) - start[:2]) / spacing).astype(int)
-    many = np.maximum(high - low + 1, 0).prod(axis=1)
-    for t in np.flatnonzero(many):
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners[t]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if abs(area) < 1e-16:
-            continue
-        i, j = np.mgrid[low[t, 0] : high[t, 0] + 1, low[t, 1] : high[t, 1] + 1].reshape(2, -1)
-        px, py = start[0] + i * spacing, start[1] + j * spacing
-        u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
-        v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
-        z = u * az + v * bz + (1.0 - u - v) * cz
-        sign = np.full(inside.sum(), -1.0 if area > 0 else 1.0)
-        found.append(np.column_stack([i[inside], j[inside], z[inside], sign]))
-    return np.concatenate(found)
+    cells = piece_voxels(pieces, spacing)
+    center = cells.mean(axis=0)
+    away = cells - center
+    inertia = np.mean(away**2, axis=0).sum() * np.eye(3) - away.T @ away / len(cells)
+    return Mass(len(cells) * spacing**3, center, inertia)
 
 
 @dataclass(frozen=True)

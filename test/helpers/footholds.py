@@ -2,9 +2,11 @@
 geometry."""
 
 from dataclasses import dataclass
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+from checker.carried import clipped
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.problem import Problem
@@ -86,22 +88,6 @@ def bare_problem(body, environment=None):
     return Problem(None, (arm,), np.zeros(1), body, volume, environment)
 
 
-def clipped(polygon, x, y):
-    """The part (k, 2) of a convex polygon within a rectangle."""
-    for axis, bound, sign in ((0, x[0], -1), (0, x[1], 1), (1, y[0], -1), (1, y[1], 1)):
-        kept = []
-        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-            over = [sign * (p[axis] - bound) for p in (a, b)]
-            if over[0] <= 0.0:
-                kept.append(a)
-            if over[0] * over[1] < 0.0:
-                kept.append(a + over[0] / (over[0] - over[1]) * (b - a))
-        polygon = np.array(kept).reshape(-1, 2)
-        if len(polygon) == 0:
-            break
-    return polygon
-
-
 def spare(patches, blocks, foot, height):
     """How far within the hull of what carries it a foot (2,) is, m, and by which angle an object
     could be tipped whose centre of mass is so high; on level ground at z = 0.
@@ -109,7 +95,8 @@ def spare(patches, blocks, foot, height):
     Args:
         patches: convex polygons (k, 2) of the object that touch.
     """
-    parts = [clipped(patch, b.x, b.y) for patch in patches for b in blocks]
+    tops = [np.array(list(product(b.x, b.y)))[[0, 2, 3, 1]] for b in blocks]
+    parts = [clipped(patch, top) for patch in patches for top in tops]
     carried = np.vstack(parts)
     if len(carried) < 3 or np.linalg.matrix_rank(carried - carried[0], tol=1e-6) < 2:
         return -np.inf, -np.inf

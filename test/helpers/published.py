@@ -2,14 +2,14 @@
 
 import numpy as np
 import pinocchio as pin
-from checker import Solution, Task
+from checker import Solution
+from helpers.tasks import yumi_task
 
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
-from placement_planner_ros.share import share_path
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
 
 
 def curve_of(message):
@@ -47,20 +47,8 @@ def task_of(scene, thing, objective="maximize_clearance", placed=()):
         for other in placed
         for part in held.parts
     ]
-    return Task(
-        solids=[*world.parts, *standing],
-        volume_lower=world.volume.boxes[:, 0],
-        volume_upper=world.volume.boxes[:, 1],
-        object_vertices=held.vertices,
-        object_triangles=held.triangles,
-        center_of_mass=held.center_of_mass,
-        urdf=share_path("urdf", "yumi.urdf").read_text(),
-        srdf=share_path("urdf", "yumi.srdf").read_text(),
-        package_dirs={"placement_planner_ros": share_path("urdf").parent},
-        q_start=start_configuration(thing),
-        objective=objective,
-        beyond=0.5,  # as the node has it unless told otherwise
-    )
+    # beyond is as the node has it unless told otherwise
+    return yumi_task(world, held, objective, solids=[*world.parts, *standing], beyond=0.5)
 
 
 def solution_of(thing, manifest, trajectory, retreat, pose):

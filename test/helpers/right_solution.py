@@ -1,15 +1,13 @@
 """A right solution, made by hand: the left arm puts the small box of crayons onto the table."""
 
-from pathlib import Path
-
 import numpy as np
-from checker import Solution, SolutionChecker, Task, Tolerances
+from checker import Solution, SolutionChecker, Tolerances
+from helpers.tasks import yumi_task
 
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
-ROOT = Path(__file__).resolve().parents[2]
 JOINTS = tuple(f"yumi_joint_{n}_l" for n in (1, 2, 7, 3, 4, 5, 6))
 Q_START = {
     **dict(zip(JOINTS, (-0.93, -1.55, 0.0, 0.0, 0.0, 0.0, 0.0), strict=True)),
@@ -38,20 +36,12 @@ OBJECTIVE = 0.06466
 TOLERANCES = Tolerances(acceleration_limit=10.0)
 
 
-def make_task() -> Task:
-    scene, thing = scene_by_name("table"), object_by_name("small_crayons_box")
-    return Task.of(
-        scene,
-        thing,
-        urdf=(ROOT / "urdf/yumi.urdf").read_text(),
-        srdf=(ROOT / "urdf/yumi.srdf").read_text(),
-        package_dirs={"placement_planner_ros": ROOT},
-        q_start=Q_START,
-        objective="maximize_clearance",
-    )
-
-
-TASK = make_task()
+TASK = yumi_task(
+    scene_by_name("table"),
+    object_by_name("small_crayons_box"),
+    "maximize_clearance",
+    q_start=Q_START,
+)
 CHECKER = SolutionChecker(TASK, TOLERANCES)
 
 

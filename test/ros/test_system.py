@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from checker import Tolerances, check_solution
+from checker import SolutionChecker, Tolerances
 from helpers.fakes import values_of
 from helpers.published import pose_of, solution_of, task_of
 from helpers.system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
@@ -76,7 +76,7 @@ def check_last_solution(client, run, solution, objective="maximize_clearance", p
     task = task_of(SCENE, OBJECT, objective, placed)
     found = solution_of(OBJECT, manifest, message, retreat, pose)
     limit = TimingSettings().acceleration_limits[0]
-    assert check_solution(task, found, tolerances=Tolerances(acceleration_limit=limit)) == []
+    assert SolutionChecker(task, Tolerances(acceleration_limit=limit)).check(found) == []
     return pose_of(pose)
 
 

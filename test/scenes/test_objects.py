@@ -123,13 +123,14 @@ def test_sizes_and_faces_are_the_papers(name: str, size: tuple, faces: int) -> N
 
 
 def test_meshes_are_convex_solids_that_touch_but_do_not_overlap(thing: GraspedObject) -> None:
-    components = checker.convex_components(thing.vertices, thing.triangles)
-    assert len(components) == len(thing.parts)
+    pieces = checker.object_pieces(thing.vertices, thing.triangles)
+    assert len(pieces) == len(thing.parts)
+    assert all(piece.solid for piece in pieces)
     signed = np.linalg.det(thing.vertices[thing.triangles]).sum() / 6
-    assert signed == pytest.approx(sum(ConvexHull(c).volume for c in components))
+    assert signed == pytest.approx(sum(ConvexHull(p.corners.reshape(-1, 3)).volume for p in pieces))
     assert thing.vertices.min(axis=0)[2] <= thing.center_of_mass[2] <= thing.vertices[:, 2].max()
-    centres = [voxels for c in components for voxels in checker.voxel_centres([c], 0.0021)]
-    inside = sum(part.depth(np.array(centres)) > 1e-9 for part in thing.parts)
+    centres = np.vstack([checker.piece_voxels([piece], 0.0021) for piece in pieces])
+    inside = sum(part.depth(centres) > 1e-9 for part in thing.parts)
     assert inside.max() == 1
 
 

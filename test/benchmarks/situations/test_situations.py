@@ -49,12 +49,7 @@ def test_a_seed_draws_the_same_and_another_one_others():
 def test_witnesses_stand_and_keep_the_margin(name):
     situation = DRAWN[name]
     thing, T = object_by_name(situation.thing), situation.witness
-    volume = situation.scene.volume
-    task = Task(
-        situation.scene.parts, volume.boxes[:, 0], volume.boxes[:, 1], thing.vertices,
-        thing.triangles, thing.center_of_mass, "", "", {}, {}, "",
-        support=situation.support,
-    )  # fmt: skip
+    task = Task.of(situation.scene, thing, support=situation.support)
     said = check_stance(task, T.homogeneous, Tolerances())
     assert said == []
     parts = [moved(part.vertices, T) for part in thing.parts]

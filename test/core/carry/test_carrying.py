@@ -9,7 +9,6 @@ import pytest
 from checker import (
     RobotModel,
     Solution,
-    Task,
     Tolerances,
     check_carrying,
     check_limits,
@@ -17,6 +16,7 @@ from checker import (
 )
 from helpers import few_joints
 from helpers.problems import problem_of
+from helpers.tasks import yumi_task
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
@@ -34,7 +34,6 @@ from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import start_configuration
-from placement_planner_ros.share import PACKAGE, share_path
 
 CASE = Case("table", "wine_glass", "maximize_clearance")
 UP = (0.0, 0.0, 1.0)
@@ -66,19 +65,11 @@ def glass():
     arm = replace(right, grasps=right.grasps[1:2])
     q = upright_start(problem, arm, 5.0)
     problem = replace(problem, arms=(arm,), q_start=q)
-    urdf = share_path("urdf", "yumi.urdf")
     start = start_configuration(CASE.object)
     start |= dict(zip(arm.joints, q[arm.q_index].tolist(), strict=True))
-    task = Task.of(
-        scene_by_name(CASE.scene),
-        object_by_name(CASE.object),
-        urdf.read_text(encoding="utf-8"),
-        share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        {PACKAGE: urdf.parent.parent},
-        start,
-        CASE.objective,
-    )
-    return problem, objective, Judge(replace(task, up=np.array(UP)))
+    scene, held = scene_by_name(CASE.scene), object_by_name(CASE.object)
+    task = yumi_task(scene, held, CASE.objective, q_start=start, up=np.array(UP))
+    return problem, objective, Judge(task)
 
 
 class Judge:

@@ -7,7 +7,7 @@ import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
 from helpers.leaning import disturbed, leaning_poses, situations
 from helpers.problems import problem_of
-from helpers.right_solution import ROOT
+from helpers.tasks import yumi_task
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
@@ -30,23 +30,9 @@ MOVED, TILTED = 0.008, np.deg2rad(3.0)
 
 
 def task_of(situation):
-    body, volume = situation.body, situation.scene.volume
     asked = replace(PlannerSettings(), **situation.settings)
-    return Task(
-        situation.parts,
-        volume.boxes[:, 0],
-        volume.boxes[:, 1],
-        body.vertices,
-        body.triangles,
-        body.center_of_mass,
-        "",
-        "",
-        {},
-        {},
-        "",
-        friction=asked.friction,
-        stability_margin=asked.stability_margin,
-    )
+    allowed = {"friction": asked.friction, "stability_margin": asked.stability_margin}
+    return Task.of(situation.scene, situation.body, **allowed)
 
 
 @pytest.mark.parametrize("cloud", ["complete", "camera"])
@@ -150,18 +136,14 @@ def leaning():
 def test_a_robot_leans_a_box_and_another_program_agrees(leaning):
     case, problem, _, placements = leaning
     assert placements
-    names = problem.robot.joint_names
-    task = Task.of(
+    settings = PlannerSettings()
+    task = yumi_task(
         scene_by_name(case.scene),
         object_by_name(case.object),
-        (ROOT / "urdf/yumi.urdf").read_text(),
-        (ROOT / "urdf/yumi.srdf").read_text(),
-        {"placement_planner_ros": ROOT},
-        dict(zip(names, problem.q_start.tolist(), strict=True)),
-        "",
+        q_start=dict(zip(problem.robot.joint_names, problem.q_start.tolist(), strict=True)),
+        friction=settings.friction,
+        stability_margin=settings.stability_margin,
     )
-    settings = PlannerSettings()
-    task = replace(task, friction=settings.friction, stability_margin=settings.stability_margin)
     checker = SolutionChecker(task, Tolerances(acceleration_limit=np.inf))
     arms = {arm.name: arm for arm in problem.arms}
     for placement in placements:

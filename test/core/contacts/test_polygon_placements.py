@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from checker import Solution, SolutionChecker, Task, Tolerances, check_stance
+from checker import Solution, check_stance
 from helpers.footholds import Block, cloud, pedestal, problem_on, rack, turned
+from helpers.tasks import yumi_checker, yumi_task
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -16,7 +17,6 @@ from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.ros.inputs.resources import PACKAGE, share_path
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
@@ -55,24 +55,11 @@ def problem_of(scene, name, slope):
 
 
 def task_of(scene, name, slope):
-    held, urdf = object_by_name(name), share_path("urdf", "yumi.urdf")
     solids = [
         SimpleNamespace(name=b.name, vertices=turned(b.vertices, slope)) for b in SCENES[scene]
     ]
-    return Task(
-        [FLOOR, *solids],
-        VOLUME.boxes[:, 0],
-        VOLUME.boxes[:, 1],
-        held.vertices,
-        held.triangles,
-        held.center_of_mass,
-        urdf.read_text(encoding="utf-8"),
-        share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        {PACKAGE: urdf.parent.parent},
-        start_configuration(name),
-        "aside",
-        support="polygon",
-    )
+    world = SimpleNamespace(parts=[FLOOR, *solids], volume=VOLUME)
+    return yumi_task(world, object_by_name(name), support="polygon")
 
 
 @functools.cache
@@ -80,9 +67,7 @@ def found(scene, name, slope):
     problem = problem_of(scene, name, slope)
     planner = PlacementPlanner(problem, aside, POLYGON, np.random.default_rng(0))
     placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
-    limit = POLYGON.timing.acceleration_limits[0]
-    checker = SolutionChecker(task_of(scene, name, slope), Tolerances(acceleration_limit=limit))
-    return problem, placements, checker
+    return problem, placements, yumi_checker(task_of(scene, name, slope))
 
 
 @pytest.mark.parametrize(("scene", "name", "slope"), RUNS, ids=str)

@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from checker import Solution, SolutionChecker, Task, Tolerances, check_stance, surface_normal
+from checker import Solution, check_stance, surface_normal
+from helpers.tasks import yumi_checker, yumi_task
 from helpers.tilts import slope_of, tilted_problem, tilted_solids
 
 from benchmarks.cases import Case
@@ -14,8 +15,6 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import upright
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import start_configuration
-from placement_planner_ros.share import PACKAGE, share_path
 
 SCENE = scene_by_name("table")
 RUNS = [
@@ -31,28 +30,16 @@ def found(case, degrees, azimuth):
     problem, objective = tilted_problem(case, degrees, azimuth, np.random.default_rng(0))
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     placements = list(planner.run(lambda: planner.statistics.samples >= 700))
-    urdf = share_path("urdf", "yumi.urdf")
-    task = Task.of(
-        replace(SCENE, parts=tilted_solids(SCENE, degrees, azimuth)),
-        object_by_name(case.object),
-        urdf.read_text(encoding="utf-8"),
-        share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
-        {PACKAGE: urdf.parent.parent},
-        start_configuration(case.object),
-        case.objective,
-    )
+    world = replace(SCENE, parts=tilted_solids(SCENE, degrees, azimuth))
     measured = problem.environment.measured
-    task = replace(task, measured=np.array([measured.lower, measured.upper]))
-    limit = PlannerSettings().timing.acceleration_limits[0]
-    return (
-        problem,
-        placements,
-        SolutionChecker(
-            task,
-            # docs/limits.md: walls that lean are many runs of points, whose ends count as few
-            Tolerances(acceleration_limit=limit, objective=0.05),
-        ),
+    task = yumi_task(
+        world,
+        object_by_name(case.object),
+        case.objective,
+        measured=np.array([measured.lower, measured.upper]),
     )
+    # docs/limits.md: walls that lean are many runs of points, whose ends count as few
+    return problem, placements, yumi_checker(task, objective=0.05)
 
 
 @pytest.mark.parametrize(("case", "degrees", "azimuth"), RUNS, ids=str)

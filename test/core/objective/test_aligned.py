@@ -68,20 +68,7 @@ class Beside:
         cloud = complete_cloud(Scene(name, volume, parts))
         environment = Environment.from_points(cloud, volume)
         self.term = Aligned(ObjectiveContext(environment, volume, body))
-        thing = object_by_name("small_crayons_box")
-        self.task = Task(
-            parts,
-            volume.lower,
-            volume.upper,
-            thing.vertices,
-            thing.triangles,
-            thing.center_of_mass,
-            "",
-            "",
-            {},
-            {},
-            "",
-        )
+        self.task = Task.of(Scene(name, volume, parts), object_by_name("small_crayons_box"))
 
     def value(self, T):
         return float(self.term.values(T[None])[0])
