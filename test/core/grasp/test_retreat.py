@@ -264,34 +264,8 @@ def block(parts):
     return Body.from_mesh(joined.vertices, joined.faces)
 
 
-@pytest.mark.parametrize(
-    ("wall", "depth"),
-    [(None, None), (0.15, None), (0.061, None), (0.055, "0.0055 m"), (0.035, "0.009")],
-)
-def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
-    robot = Robot.from_urdf(JAWS)
-    pads = [((-0.02, 0.0, 0.05), (0.03, 0.02, 0.04))]
-    if wall is not None:  # beyond the open finger, met by its end, or passed through
-        pads.append(((wall, 0.0, 0.05), (0.01, 0.02, 0.04)))
-        pads.append(((wall / 2 - 0.01, 0.0, 0.1), (wall + 0.05, 0.02, 0.01)))
-    body = block(pads)
-    arm = robot.arm(
-        "arm",
-        "hand",
-        grasps=[pin.SE3.Identity()],
-        touch_links=["finger"],
-        gripper_joints=["slide"],
-        gripper_open=[0.0505],
-    )
-    q = robot.configuration({"lift": 0.0, "slide": 0.0005})
-    error = opening_error(MovingArm(robot, arm, q), AttachedObject(body))
-    assert (error is None) == (depth is None)
-    if depth is not None:
-        assert re.search(rf"arm.grasps\[0\].*pushes finger {depth}", str(error))
-
-
-def jaws_over(body, opened, depth=0.0):
-    """The jaws around a body, opened, and what they touch; they retreat from 0.5 m on."""
+def jaws(opened, depth=0.0, **start):
+    """The jaws whose palm is so far in what they hold; they open to `opened`, metres."""
     robot = Robot.from_urdf(JAWS)
     arm = robot.arm(
         "arm",
@@ -301,10 +275,30 @@ def jaws_over(body, opened, depth=0.0):
         gripper_joints=["slide"],
         gripper_open=[opened],
     )
-    q = robot.configuration({"lift": 0.5, "slide": 0.0})
-    moving = MovingArm(robot, arm, q)
+    return MovingArm(robot, arm, robot.configuration({"lift": 0.5, "slide": 0.0} | start))
+
+
+@pytest.mark.parametrize(
+    ("wall", "depth"),
+    [(None, None), (0.15, None), (0.061, None), (0.055, "0.0055 m"), (0.035, "0.009")],
+)
+def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
+    pads = [((-0.02, 0.0, 0.05), (0.03, 0.02, 0.04))]
+    if wall is not None:  # beyond the open finger, met by its end, or passed through
+        pads.append(((wall, 0.0, 0.05), (0.01, 0.02, 0.04)))
+        pads.append(((wall / 2 - 0.01, 0.0, 0.1), (wall + 0.05, 0.02, 0.01)))
+    body = block(pads)
+    error = opening_error(jaws(0.0505, slide=0.0005), AttachedObject(body))
+    assert (error is None) == (depth is None)
+    if depth is not None:
+        assert re.search(rf"arm.grasps\[0\].*pushes finger {depth}", str(error))
+
+
+def jaws_over(body, opened, depth=0.0):
+    """The jaws around a body, opened, and what they touch; they retreat from 0.5 m on."""
+    moving = jaws(opened, depth)
     hand = OpenHand(moving, body, NOTHING, GraspSettings())
-    T_world_object = robot.link_pose(q, "hand") * arm.grasps[0]
+    T_world_object = moving.robot.link_pose(moving.q_rest, "hand") * moving.arm.grasps[0]
     way = hand.retreat(np.array([0.5]), 0, T_world_object)
     return hand, T_world_object, way, set(hand.touching[0])
 
@@ -352,14 +346,19 @@ def test_what_has_come_off_must_not_meet_the_object_again(lip):
     assert (way is None) == lip
 
 
-def test_a_hand_inside_of_a_hollow_object_is_not_in_it():
-    """A bowl held by its rim: the hull would hold finger and palm."""
-    outer, inner, high = 0.05, 0.046, 0.05
+def cup_over_the_jaws(inner):
+    """So wide inside, its wall 4 mm, its mouth at z = 0.03, towards the palm."""
+    outer, high = inner + 0.004, 0.05
     profile = [(0.0, 0.0), (outer, 0.0), (outer, high), (inner, high), (inner, 0.004), (0.0, 0.004)]
     mesh = trimesh.creation.revolve(np.array(profile), sections=64)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
-    mesh.apply_translation([0.0, 0.0, 0.08])  # its mouth, at z = 0.03, towards the palm
-    body = Body.from_mesh(mesh.vertices, mesh.faces)
+    mesh.apply_translation([0.0, 0.0, 0.08])
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+def test_a_hand_inside_of_a_hollow_object_is_not_in_it():
+    """A bowl held by its rim: the hull would hold finger and palm."""
+    body = cup_over_the_jaws(0.046)
     assert body.mesh is not None
     _, _, way, touched = jaws_over(body, 0.02)
     assert touched == set()
@@ -375,23 +374,6 @@ def test_a_hand_inside_of_a_hollow_object_is_not_in_it():
 @pytest.mark.parametrize(("gap", "bad"), [(0.03, False), (0.012, True)])
 def test_a_finger_that_opens_into_a_mesh_is_refused(gap, bad):
     """Held by the rim of a cup: the finger inside opens towards the other side."""
-    inner, high = gap, 0.05
-    outer = inner + 0.004
-    profile = [(0.0, 0.0), (outer, 0.0), (outer, high), (inner, high), (inner, 0.004), (0.0, 0.004)]
-    mesh = trimesh.creation.revolve(np.array(profile), sections=64)
-    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
-    mesh.apply_translation([0.0, 0.0, 0.08])
-    robot = Robot.from_urdf(JAWS)
-    arm = robot.arm(
-        "arm",
-        "hand",
-        grasps=[pin.SE3.Identity()],
-        touch_links=["finger"],
-        gripper_joints=["slide"],
-        gripper_open=[0.015],
-    )
-    moving = MovingArm(robot, arm, robot.configuration({"lift": 0.0, "slide": 0.0}))
-    held = AttachedObject(Body.from_mesh(mesh.vertices, mesh.faces))
-    error = opening_error(moving, held)
+    error = opening_error(jaws(0.015), AttachedObject(cup_over_the_jaws(gap)))
     assert (error is not None) == bad
     assert not bad or re.search(r"pushes finger 0\.0\d+ m", str(error))

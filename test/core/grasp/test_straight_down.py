@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.robots import SLIDING
 from scipy.interpolate import BPoly
 
 from benchmarks.cases import Case, make_problem
@@ -9,16 +10,6 @@ from placement_planner_ros.core.grasp import straight_down
 from placement_planner_ros.core.grasp.straight_down import StraightLines, greatest_stray
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
-
-SLIDING = """<robot name="sliding">
-  <link name="base"/><link name="a"/><link name="b"/><link name="c"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.2"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-  <joint name="slide" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.1 0 0"/>
-    <axis xyz="1 0 0"/><limit lower="0" upper="0.5" velocity="1" effort="1"/></joint>
-  <joint name="roll" type="revolute"><parent link="b"/><child link="c"/>
-    <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-</robot>"""
 
 
 def sampled_stray(chain, points, vertices, placed, count=400):
@@ -47,8 +38,8 @@ def test_the_bound_holds_and_is_tight(kind):
         robot, arm, q = problem.robot, problem.arms[0], problem.q_start
     else:
         robot = Robot.from_urdf(SLIDING)
-        arm = robot.arm("arm", "c")
-        q = np.zeros(3)
+        arm = robot.arm("arm", "tip")
+        q = np.zeros(4)
     chain = Chain.from_robot(robot, arm, q)
     for size in (1e-4, 0.01, 0.3):
         for _ in range(15):

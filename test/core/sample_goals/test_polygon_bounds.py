@@ -1,10 +1,11 @@
-"""Support by polygon: no pose that stands is beside the spans, or in a cell that is ruled out."""
+"""Support by polygon: no pose that stands is in a cell that is ruled out."""
 
 import functools
 
 import numpy as np
 import pytest
 import trimesh
+from helpers.cells import cells_across, some_pose_stands
 from helpers.footholds import Block, pedestal, problem_on, rack
 
 from placement_planner_ros.core.body.body import Body
@@ -12,8 +13,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, PoseSets, sets_of
-from placement_planner_ros.core.types import LEVEL, Verdict
+from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.scenes.objects import object_by_name
 
 
@@ -72,40 +72,14 @@ def made(kind, name, slope):
     return poses
 
 
-def every_set(regions, faces):
-    """Of each face on each region."""
-    rows = [(face, k, 0.0, 2.0 * np.pi) for k in range(len(regions)) for face in range(faces)]
-    return PoseSets(regions, rows)
-
-
-def cells_of(poses, rng, count):
-    """Of all sizes, on the spans and across their borders."""
-    regions, faces = poses.regions, len(poses.problem.body.faces)
-    sets, rows = every_set(regions, faces), []
-    for _ in range(count):
-        number = rng.integers(len(regions))
-        region = regions[number]
-        size = rng.choice([0.0, 0.005, 0.03, 0.15], 2) * rng.random(2)
-        turn = rng.choice([0.0, 0.05, 0.5, 2.0 * np.pi])
-        low = region.sample(rng)[:2] - rng.random(2) * size - rng.choice([0.0, 0.1]) * rng.random(2)
-        start = rng.uniform(0.0, 2.0 * np.pi)
-        low, size = np.array([*low, start]), np.array([*size, turn])
-        box = np.column_stack([low, low + size]).ravel()
-        rows.append([number * faces + rng.integers(faces), *box])
-    return sets, np.array(rows)
-
-
 @pytest.mark.parametrize(("kind", "name", "slope"), CASES, ids=str)
 def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
     poses = made(kind, name, slope)
-    rng, times = np.random.default_rng(4), 40
-    sets, cells = cells_of(poses, rng, 300)
+    regions, faces = poses.regions, len(poses.problem.body.faces)
+    rng = np.random.default_rng(4)
+    sets, cells = cells_across(regions, faces, rng, 300, [0.0, 0.005, 0.03, 0.15])
     unsupported = SupportBound(poses).unsupported(PlacedCells(sets, cells))
-    at = np.repeat(cells, times, axis=0)
-    places = at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])
-    draws = sets.draws(sets_of(at), places)
-    verdicts, _ = poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
-    stable = (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
+    stable = some_pose_stands(poses, sets, cells)
     assert not (stable & unsupported).any()
     assert stable.sum() > 20
     assert unsupported.sum() > 10

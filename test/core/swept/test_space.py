@@ -5,11 +5,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from helpers.robots import mixed_robot, ring_in
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
@@ -19,28 +19,6 @@ BOX = (0.06, 0.04, 0.03)
 HELD = pin.SE3(np.eye(3), np.array([0.05, 0.0, 0.0]))
 BOUNDS = np.array([[-1.2, -1.2, -0.8], [1.2, 1.2, 1.2]])
 FLOOR = np.stack(np.meshgrid(*[np.arange(-0.6, 0.6, 0.004)] * 2), -1).reshape(-1, 2)
-URDF = """
-<robot name="mixed">
-  <link name="base"/>
-  <link name="upper"><collision><origin xyz="0 0 0.15"/>
-    <geometry><cylinder radius="0.03" length="0.3"/></geometry></collision></link>
-  <link name="fore"><collision><origin xyz="0.12 0 0"/>
-    <geometry><box size="0.24 0.05 0.04"/></geometry></collision>
-    <collision><origin xyz="0.24 0 0"/>
-    <geometry><sphere radius="0.04"/></geometry></collision></link>
-  <link name="ring"><collision><origin xyz="0.1 0 0"/>
-    <geometry><mesh filename="{ring}"/></geometry></collision></link>
-  <link name="tip"/>
-  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0.6 0 0.8"/>
-    <limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
-  <joint name="j2" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
-    <origin xyz="0 0 0.33"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
-  <joint name="j3" type="prismatic"><parent link="fore"/><child link="ring"/><axis xyz="1 0 0"/>
-    <origin xyz="0.3 0 0"/><limit lower="0" upper="0.2" velocity="1" effort="1"/></joint>
-  <joint name="j4" type="revolute"><parent link="ring"/><child link="tip"/><axis xyz="1 0 0"/>
-    <origin xyz="0.25 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-</robot>
-"""
 
 
 def floor(z, noise=0.0, rng=None):
@@ -50,9 +28,7 @@ def floor(z, noise=0.0, rng=None):
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    file = tmp_path_factory.mktemp("meshes") / "ring.stl"
-    trimesh.creation.torus(0.07, 0.015, major_sections=16, minor_sections=8).export(file)
-    return Robot.from_urdf(URDF.format(ring=file.as_uri()))
+    return mixed_robot(ring_in(tmp_path_factory.mktemp("meshes")))
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +65,12 @@ def nearest(robot, points, Q):
     """(n,) how near points come to arm and object at any of Q, by coal."""
     dot = coal.Sphere(1e-9)
     data, places = robot.model.createData(), robot.geometry.createData()
-    shapes = [*(thing.geometry for thing in robot.geometry.geometryObjects), coal.Box(*BOX)]
+    moving = [k for k, thing in enumerate(robot.geometry.geometryObjects) if thing.parentJoint]
+    shapes = [*(robot.geometry.geometryObjects[k].geometry for k in moving), coal.Box(*BOX)]
     best = np.full(len(points), np.inf)
     for q in Q:
         pin.updateGeometryPlacements(robot.model, data, robot.geometry, places, q)
-        at = [*places.oMg, robot.link_pose(q, "tip") * HELD]
+        at = [*(places.oMg[k] for k in moving), robot.link_pose(q, "tip") * HELD]
         for shape, T in zip(shapes, at, strict=True):
             there = coal.Transform3s(T.rotation, T.translation)
             for i, point in enumerate(points):

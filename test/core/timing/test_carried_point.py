@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.robots import SLIDING
 
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
@@ -10,22 +11,6 @@ from placement_planner_ros.core.timing.quintic import control_points, positions_
 from placement_planner_ros.core.timing.timing import parameterize_path
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
-SLIDING = """
-<robot name="sliding">
-  <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
-  <joint name="along" type="prismatic"><parent link="base"/><child link="cart"/>
-    <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.2 0.9"/>
-    <axis xyz="1 0 0"/><limit lower="-0.5" upper="1.0" velocity="1" effort="1"/></joint>
-  <joint name="turn" type="revolute"><parent link="cart"/><child link="mast"/>
-    <axis xyz="0.6 0 -0.8"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-  <joint name="reach" type="prismatic"><parent link="mast"/><child link="boom"/>
-    <origin xyz="0 0.3 0"/>
-    <axis xyz="0 -1 0"/><limit lower="0" upper="0.7" velocity="1" effort="1"/></joint>
-  <joint name="roll" type="revolute"><parent link="boom"/><child link="tip"/>
-    <origin xyz="0.2 0 0" rpy="0.3 0.5 0"/>
-    <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-</robot>
-"""
 POINT = np.array([0.05, -0.08, 0.15])
 
 
