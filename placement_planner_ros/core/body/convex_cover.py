@@ -1,8 +1,8 @@
 """A few convex sets that together contain a mesh, and reach little beyond it.
 
-A mesh is cut by planes until the hull of every piece stays near it, and pieces whose common hull
-does so too are joined again. All triangles, and all of a solid, are in a part by construction: a
-part is the hull of what is on its side of the planes. How far parts reach beyond the mesh is
+A mesh is halved, and its halves again, until the hull of every piece stays near it; pieces whose
+common hull does so too are joined again. All triangles, and all of a solid, are in a part by
+construction: a part is the hull of what is in its box. How far parts reach beyond the mesh is
 bounded by cells: no part meets one that holds a point further away than `Cover.excess`.
 """
 
@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import heapq
 import itertools
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.mesh_cells import FarCells, Mask, MeshCells, surface_points
+from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
 from placement_planner_ros.core.body.mesh_components import Components, Triangles
 from placement_planner_ros.core.body.polytope import (
     Polytope,
-    even_directions,
     grown_hull,
     hull_around,
     simpler_hull,
@@ -32,7 +30,7 @@ from placement_planner_ros.core.types import Array, frozen_array
 MAX_PARTS = 32
 """Parts that a cover may have."""
 
-MAX_PIECES = 256
+MAX_PIECES = 512
 """Pieces that a mesh is cut into before some are joined again."""
 
 MAX_VERTICES = 128
@@ -49,15 +47,6 @@ SMALL_MESH_M = 0.25
 
 REACH_GROWTH = 1.2
 """Factor on the reach of parts where there are too many."""
-
-SAMPLE_POINTS = 1500
-"""Points of a piece by which cuts are compared; of far cells in its hull a third of that."""
-
-CUTS_ALONG_AXIS = 9
-"""Places along each axis at which a cut is tried."""
-
-
-_DIRECTIONS = even_directions(48)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +105,7 @@ def convex_cover(
     # Cut until every piece is near the mesh, then join what stays near it.
     cells = MeshCells(components.corners, tolerance)
     try:
-        pieces, far = _cut_pieces(CutPiece.of(components.corners), cells, step)
+        pieces, far = _cut_pieces(components.corners, cells, step)
         hulls, far = _joined_hulls([piece.hull for piece in pieces], cells, far, step)
     except QhullError:
         return hull_cover(vertices, triangles)
@@ -147,63 +136,52 @@ def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
     return Cover((part,), excess, bool(components.closed.all()))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class CutPiece:
-    """What of a mesh, and of the solid inside it, is within a few planes.
+    """What of a mesh, and of the solid inside it, is within a box.
 
-    An extreme point of a solid that planes cut is on its surface, or is one inside it where three
-    of the planes meet: their hull holds the piece.
+    An extreme point of that is on the mesh, or is a corner of the box inside the solid.
 
     Attributes:
-        planes: (k, 4) n and d, with n · x + d <= 0 within.
+        box: (2, 3) metres, its lower and its upper ends.
         corners: (t, 3, 3) metres, the triangles, clipped.
-        inner: (i, 3) metres, points inside the solid where three of the planes meet.
+        hull: what holds the piece.
     """
 
-    planes: Array
+    box: Array
     corners: Array
-    inner: Array
+    hull: Polytope
 
-    @classmethod
-    def of(cls, corners: Array) -> CutPiece:
-        """All of it."""
-        return cls(np.zeros((0, 4)), corners, np.zeros((0, 3)))
+    def halves(self, cells: MeshCells) -> tuple[CutPiece, ...]:
+        """The piece on both sides of the middle of its longest side; nothing where all is on one.
 
-    @cached_property
-    def hull(self) -> Polytope:
-        """What holds the piece."""
-        return hull_around(np.concatenate([self.corners.reshape(-1, 3), self.inner]))
-
-    def halves(self, plane: Array, cells: MeshCells) -> tuple[CutPiece, ...]:
-        """The piece on both sides of a plane (4,); nothing where all is on one."""
-        # Points of the solid where the new plane meets two others.
-        new = _inner_points(self.planes, plane, cells)
-        hull = self.hull.planes  # cells are taken to be inside where the surface passes them
-        new = new[(new @ hull[:, :3].T + hull[:, 3] <= 1e-9).all(axis=1)]
+        Raises:
+            QhullError: rounding leaves one of them no hull.
+        """
+        # Where the longest side of the hull has its middle.
+        low, high = self.hull.vertices.min(axis=0), self.hull.vertices.max(axis=0)
+        axis = int(np.argmax(high - low))
+        middle = 0.5 * (low[axis] + high[axis])
+        plane = np.append(np.eye(3)[axis], -middle)
         halves = []
-        for side in (plane, -plane):
-            # What is on this side of the plane, and nothing where that is all.
+        for end, side in ((1, plane), (0, -plane)):
+            # The triangles of each side, and the corners of its box inside the solid.
+            box = self.box.copy()
+            box[end, axis] = middle
             corners = clipped_triangles(self.corners, side)
-            inner = self.inner[self.inner @ side[:3] + side[3] <= 0.0]
-            if not len(corners) and not len(inner):
+            points = np.concatenate([corners.reshape(-1, 3), self._solid_corners(box, cells)])
+            if not len(points):
                 return ()
-            planes = np.concatenate([self.planes, side[None]])
-            halves.append(CutPiece(planes, corners, np.concatenate([inner, new])))
+            halves.append(CutPiece(box, corners, hull_around(points)))
         return tuple(halves)
 
-
-def _inner_points(planes: Array, plane: Array, cells: MeshCells) -> Array:
-    """(i, 3) points inside the solid, within planes (k, 4), where two of these meet another."""
-    # Every two of the planes, with the new one.
-    pairs = np.array(list(itertools.combinations(planes, 2))).reshape(-1, 2, 4)
-    threes = np.concatenate([pairs, np.broadcast_to(plane, (len(pairs), 1, 4))], axis=1)
-    # Of parallel planes, and of three along a line, a point would be far away.
-    threes = threes[np.abs(np.linalg.det(threes[..., :3])) > 1e-6]
-    # Where the three meet, within all other planes and the solid.
-    points = np.linalg.solve(threes[..., :3], -threes[..., 3:])[..., 0]
-    points = points[(points @ planes[:, :3].T + planes[:, 3] <= 1e-9).all(axis=1)]
-    points = points[((points > cells.low) & (points < cells.high)).all(axis=1)]
-    return np.asarray(points[cells.inside(points)])
+    def _solid_corners(self, box: Array, cells: MeshCells) -> Array:
+        """(k, 3) corners of a box within its own that are inside the solid."""
+        corners = np.array(list(itertools.product(*box.T)))
+        # Cells are taken to be inside where the surface passes them: what the hull lacks is not.
+        planes = self.hull.planes
+        corners = corners[(corners @ planes[:, :3].T + planes[:, 3] <= 1e-9).all(axis=1)]
+        return np.asarray(corners[cells.inside(corners)])
 
 
 def clipped_triangles(corners: Array, plane: Array) -> Array:
@@ -233,110 +211,27 @@ def clipped_triangles(corners: Array, plane: Array) -> Array:
 
 
 def _cut_pieces(
-    whole: CutPiece, cells: MeshCells, step: Callable[[], None]
+    corners: Array, cells: MeshCells, step: Callable[[], None]
 ) -> tuple[list[CutPiece], FarCells]:
-    """Cut a mesh, the piece that meets most far cells first, until none meets one, and what is far:
-    more than the tolerance where it would be too many pieces."""
+    """Halve a mesh of triangles (t, 3, 3), larger pieces first, until none meets a far cell, and
+    what is far: more than the tolerance where it would be too many pieces."""
     far = cells.far(0.92 * cells.tolerance)  # the rest is for simpler hulls
-    number = itertools.count()
-    open_ = [(0, next(number), whole, far.met_by(whole.hull))]
+    around = np.stack([cells.low, cells.high])
+    open_ = deque([CutPiece(around, corners, hull_around(corners.reshape(-1, 3)))])
     done: list[CutPiece] = []
     while open_:
         step()
-        # The piece that meets most far cells.
-        _, _, piece, met = heapq.heappop(open_)
-        if not len(met):
+        piece = open_.popleft()
+        if not far.is_met_by(piece.hull):
             done.append(piece)
             continue
-        # Cut it, as long as there may be more pieces.
-        halves: tuple[CutPiece, ...] = ()
-        if len(done) + len(open_) + 1 < MAX_PIECES:
-            plane = _best_plane(piece, met, far.half)
-            halves = () if plane is None else piece.halves(plane, cells)
-        if not halves:  # all that is left is judged anew
+        # Cut it, as long as there may be more pieces; else all that is left is judged anew.
+        few = len(done) + len(open_) + 1 < MAX_PIECES
+        halves = piece.halves(cells) if few else ()
+        if not halves:
             far = cells.far(REACH_GROWTH * far.reach)
-            left = [piece, *(each for _, _, each, _ in open_)]
-            open_ = [(-1, next(number), each, far.met_by(each.hull)) for each in left]
-            continue
-        for half in halves:  # its hull is within that of the whole
-            meets = far.met_by(half.hull, met)
-            heapq.heappush(open_, (-len(meets), next(number), half, meets))
+        open_.extend(halves or [piece])
     return done, far
-
-
-def _best_plane(piece: CutPiece, met: Array, half: float) -> Array | None:
-    """The plane (4,) on whose sides the hulls hold the fewest far cells, about.
-
-    Slabs in many directions stand for hulls. Of planes that leave as many one is better that is
-    nearer to the middle and across a longer side: it takes several cuts before the pieces of a ring
-    leave its hole free.
-    """
-    points, cells = _sample_points(piece), met[:: 1 + 3 * len(met) // SAMPLE_POINTS]
-    along, cells_along = points @ _DIRECTIONS.T, cells @ _DIRECTIONS.T
-
-    # Normals along the axes and the principal axes.
-    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-    normals = np.concatenate([np.eye(3), axes])
-    longest = float(np.ptp(points @ normals.T, axis=0).max())
-    best, found = np.inf, None
-    for normal in normals:
-        # Planes across each of them.
-        at = points @ normal
-        width = float(np.ptp(at))
-        for share in np.linspace(0.0, 1.0, CUTS_ALONG_AXIS + 2)[1:-1]:
-            offset = float(at.min()) + share * width
-            below = at <= offset
-            if width < 2.0 * half or below.all():
-                continue
-            # Far cells that both sides would hold, about.
-            cost = _held_share(along, cells_along, below) + _held_share(along, cells_along, ~below)
-            cost += 0.2 * abs(share - 0.5) + 0.1 * (1.0 - width / longest)
-            if cost < best:
-                best, found = cost, np.array([*normal, -offset])
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _held_share(along: Array, cells_along: Array, chosen: Mask) -> float:
-    """Share of cells that are between the ends of the chosen points in every direction.
-
-    Args:
-        along, cells_along: (n, d), (m, d) places of points and of cells in d directions.
-        chosen: (n,).
-    """
-    directions = along.shape[1]
-    low, high = np.full(directions, np.inf), np.full(directions, -np.inf)
-    # The ends of the slab in each direction.
-    for i in range(len(along)):
-        if chosen[i]:
-            for d in range(directions):
-                low[d], high[d] = min(low[d], along[i, d]), max(high[d], along[i, d])
-    # The cells that are in all slabs.
-    held = 0
-    for i in range(len(cells_along)):
-        inside = True
-        for d in range(directions):
-            if not low[d] <= cells_along[i, d] <= high[d]:
-                inside = False
-                break
-        held += inside
-    return held / len(cells_along)
-
-
-def _sample_points(piece: CutPiece) -> Array:
-    """(n, 3) of its hull's vertices and of its triangles, evenly."""
-    rng = np.random.default_rng(0)
-    # No more triangles, points and vertices than are compared.
-    corners, vertices = piece.corners, piece.hull.vertices
-    if len(corners) > SAMPLE_POINTS:
-        corners = corners[rng.choice(len(corners), SAMPLE_POINTS, replace=False)]
-    spacing = float(np.linalg.norm(np.ptp(vertices, axis=0))) / 40.0
-    points = np.concatenate([piece.inner, *surface_points(corners, spacing)])
-    if len(points) > SAMPLE_POINTS:
-        points = points[rng.choice(len(points), SAMPLE_POINTS, replace=False)]
-    if len(vertices) > SAMPLE_POINTS:
-        vertices = vertices[rng.choice(len(vertices), SAMPLE_POINTS, replace=False)]
-    return np.concatenate([points, vertices])
 
 
 def _joined_hulls(
@@ -367,15 +262,18 @@ def _simpler_part(hull: Polytope, far: FarCells) -> Polytope:
 def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], None]) -> None:
     """Join parts as long as no hull of two holds far points."""
     pairs: list[tuple[float, int, int]] = []
+    boxes = {n: _box_around(part) for n, part in parts.items()}
 
     def consider(one: int, others: Sequence[int]) -> None:
-        low, high = parts[one].vertices.min(axis=0), parts[one].vertices.max(axis=0)
-        for other in others:
-            vertices = parts[other].vertices
-            lows, highs = vertices.min(axis=0), vertices.max(axis=0)
-            if (np.maximum(lows, low) - np.minimum(highs, high)).max() <= far.reach:
-                around = (np.maximum(highs, high) - np.minimum(lows, low)).prod()
-                heapq.heappush(pairs, (float(around), one, other))
+        if not others:
+            return
+        # The boxes around the one and each other: how far apart, and how large together.
+        low, high = boxes[one]
+        lows, highs = np.stack([boxes[other] for other in others], axis=1)
+        near = (np.maximum(lows, low) - np.minimum(highs, high)).max(axis=1) <= far.reach
+        sizes = (np.maximum(highs, high) - np.minimum(lows, low)).prod(axis=1)
+        for row in np.flatnonzero(near).tolist():
+            heapq.heappush(pairs, (float(sizes[row]), one, others[row]))
 
     for one in parts:
         # All pairs, then those with each new part.
@@ -390,8 +288,13 @@ def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], No
         if both is not None:
             new = max(parts) + 1
             del parts[i], parts[j]
-            parts[new] = both
+            parts[new], boxes[new] = both, _box_around(both)
             consider(new, [other for other in parts if other != new])
+
+
+def _box_around(hull: Polytope) -> Array:
+    """(2, 3) metres, its lower and its upper ends."""
+    return np.stack([hull.vertices.min(axis=0), hull.vertices.max(axis=0)])
 
 
 def _common_hull(a: Polytope, b: Polytope, far: FarCells) -> Polytope | None:

@@ -58,29 +58,21 @@ class FarCells:
         x, y, z = ((points - self.low) / (2.0 * self.half)).astype(np.int64).T
         return bool(self.cells[x, y, z].any())
 
-    def met_by(self, hull: Polytope, among: Array | None = None) -> Array:
-        """Middles (k, 3) of those cells of the border, or among some of them, that a hull meets."""
-        middles = self.middles if among is None else among
-        return np.asarray(middles[self._rows_met(hull, middles, len(middles))])
-
     def is_met_by(self, hull: Polytope) -> bool:
         """Whether a hull may hold a far point."""
-        beyond = (hull.vertices < self.low).any() or (hull.vertices > self.high).any()
-        return bool(beyond) or len(self._rows_met(hull, self.middles, 1)) > 0
-
-    def _rows_met(self, hull: Polytope, middles: Array, most: int) -> npt.NDArray[np.int64]:
+        if (hull.vertices < self.low).any() or (hull.vertices > self.high).any():
+            return True
         # Only cells that the hull reaches along x.
         ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
-        first, last = np.searchsorted(middles[:, 0], ends)
-        return np.asarray(first + _cells_met(middles[first:last], hull.planes, self.half, most))
+        first, last = np.searchsorted(self.middles[:, 0], ends)
+        return bool(_any_met(self.middles[first:last], hull.planes, self.half))
 
 
 @njit(cache=True, nogil=True)
-def _cells_met(middles: Array, planes: Array, half: float, most: int) -> npt.NDArray[np.int64]:
-    """Rows of cells, by their middles (n, 3) and half sides, that none of some planes (p, 4) has
-    all of on its outer side; no more than `most` of them."""
-    rows = np.empty(len(middles), np.int64)
-    count = last = 0
+def _any_met(middles: Array, planes: Array, half: float) -> bool:
+    """Whether there is a cell, by their middles (n, 3) and half sides, that none of some planes
+    (p, 4) has all of on its outer side."""
+    last = 0
     for i in range(len(middles)):
         x, y, z = middles[i]
         met = True
@@ -93,11 +85,8 @@ def _cells_met(middles: Array, planes: Array, half: float, most: int) -> npt.NDA
                 met, last = False, p
                 break
         if met:
-            rows[count] = i
-            count += 1
-            if count == most:
-                break
-    return rows[:count]
+            return True
+    return False
 
 
 class MeshCells:
