@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -27,9 +28,6 @@ Value = bool | int | float | str | Sequence[bool] | Sequence[int] | Sequence[flo
 ANSWER_WITHIN = 10.0
 """Seconds within which an answer must come. The node's own take 0.1 s, stop's a second; where the
 middleware has lost one it is sent again after some."""
-
-RETRIED_AFTER = 0.1
-"""Seconds after a refusal that passes."""
 
 _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 """Raised where ROS has been shut down."""
@@ -68,7 +66,6 @@ class Conversation:
             for name, kind in _SERVICES.items()
         }
         self._under_way = 0
-        self._left = 0  # stops that are to be sent, or answered
         self._closed = False
 
     def close(self) -> None:
@@ -104,12 +101,7 @@ class Conversation:
 
     def settle(self) -> None:
         """Wait until nothing is under way and the runs that were left are known to be stopped."""
-
-        # a node that is gone answers no stop, so it is not waited for
-        def settled() -> bool | None:
-            return not (self._under_way or (self._left and self.offered("stop_with"))) or None
-
-        self.news.wait_until(settled, time.monotonic() + ANSWER_WITHIN)
+        self.news.wait_until(lambda: not self._under_way or None, time.monotonic() + ANSWER_WITHIN)
 
     # --- asking
 
@@ -135,10 +127,10 @@ class Conversation:
             answer = self.ask(name, parameters, end)
             if answer.success:
                 return answer
-            again = time.monotonic() + RETRIED_AFTER
-            if answer.code not in passing or again > end:
+            if answer.code not in passing or time.monotonic() >= end:
                 raise answer.error
-            self.news.wait_until(lambda: None, again)
+            # until the node tells something else, or a moment has passed
+            self.news.wait(self.news.count, end)
 
     def ask(self, name: str, parameters: Mapping[str, Value], end: float | None = None) -> Answer:
         """The answer to one request, whatever it is.
@@ -191,35 +183,24 @@ class Conversation:
     def leave(self, run: int) -> None:
         """Stop a run, and wait until that is done or will hardly be any more."""
         with suppress(*_NOT_SENT):  # then it ends at its time limit
-            self._await_stop(self._send("stop_with", {"run": run}))
+            self._await_answer(self._send("stop_with", {"run": run}))
 
     def _leave_begun(self, started: Future) -> None:
         """Stop the run that a start has begun, if it has; once its answer comes, if it does."""
-        stopped: Future = Future()
 
         def stop(started: Future) -> None:
             response = started.result()  # None where it was cancelled
-            answer = None if response is None else Answer.of(response)
-            if answer is not None and answer.success and answer.run is not None:
+            if response is not None and (answer := Answer.of(response)).success:
                 with suppress(*_NOT_SENT):
-                    self._send("stop_with", {"run": answer.run}).add_done_callback(done)
-                    return
-            done()
+                    self._send("stop_with", {"run": answer.run or 0})
 
-        def done(*_: object) -> None:
-            self._left -= 1
-            stopped.set_result(True)
-            self.news.tell()
-
-        # counted before the callback is added, which counts it down again
-        self._left += 1
         started.add_done_callback(stop)
-        self._await_stop(stopped)
+        self._await_answer(started)
 
-    def _await_stop(self, stopped: Future) -> None:
+    def _await_answer(self, future: Future) -> None:
         self.news.wait_until(
             # where the node is gone nothing is left to stop
-            lambda: stopped.done() or not self.offered("stop_with") or None,
+            lambda: future.done() or not self.offered("stop_with") or None,
             time.monotonic() + ANSWER_WITHIN,
         )
 
@@ -259,15 +240,10 @@ def parameter_message(name: str, value: Any) -> ParameterMessage:
     Raises:
         TypeError: the value is no parameter's.
     """
-    plain = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(plain, Sequence) and not isinstance(plain, str | bytes):
-        plain = [each.item() if hasattr(each, "item") else each for each in plain]
-        # ROS has no list of integers and other numbers
-        if {type(each) for each in plain} == {int, float}:
-            plain = [float(each) for each in plain]
     try:
-        return Parameter(name, value=plain).to_parameter_msg()
-    except TypeError:
+        # NumPy makes one kind of numbers of several, as ROS has lists of one kind only
+        return Parameter(name, value=np.asarray(value).tolist()).to_parameter_msg()
+    except (TypeError, ValueError):
         raise TypeError(
             f"{name} = {value!r}: give a bool, a number, a string or a flat list of one of these"
         ) from None

@@ -26,6 +26,3 @@ class PlacementError(Exception):
         self.words = words
         self.run = run
         super().__init__(words if words.startswith(f"{code}: ") else f"{code}: {words}")
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, int | None]]:
-        return type(self), (self.code, self.words, self.run)
