@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -82,12 +82,8 @@ class Listener:
         self.faults: dict[str, str] = {}
         self._present = False
         self._topics: dict[tuple[str, str], Any] = {}
-        self._lock = threading.Lock()
-        for kind, name, take in (
-            (MarkerArray, "markers", self._take_markers),
-            (PointCloud2, "occupancy", self._take_occupancy),
-        ):
-            group = Paced(self._large_period)
+        for kind, name in ((MarkerArray, "markers"), (PointCloud2, "occupancy")):
+            group, take = Paced(self._large_period), partial(setattr, self, name)
             node.create_subscription(kind, f"{planner}/{name}", take, LATCHED, callback_group=group)
         every(node, LOOK, self.look)
 
@@ -132,7 +128,7 @@ class Listener:
                 QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT),
             ),
             "description": (String, self._take_description, LATCHED),
-            "object": (Mesh, self._take_object, LATCHED),
+            "object": (Mesh, partial(setattr, self, "object"), LATCHED),
         }
         message, take, qos = types[kind]
         return self._node.create_subscription(message, topic, take, qos, callback_group=self._group)
@@ -173,17 +169,7 @@ class Listener:
         if _URDF in message.data:  # the node's other string is the SRDF
             self.description = message.data
 
-    def _take_object(self, message: Mesh) -> None:
-        self.object = message
-
-    def _take_markers(self, message: MarkerArray) -> None:
-        self.markers = message
-
-    def _take_occupancy(self, message: PointCloud2) -> None:
-        self.occupancy = message
-
     def _fault(self, topic: str, words: str) -> None:
-        with self._lock:
-            if self.faults.get(topic, "") != words:
-                others = {name: said for name, said in self.faults.items() if name != topic}
-                self.faults = {**others, topic: words} if words else others
+        if self.faults.get(topic, "") != words:
+            others = {name: said for name, said in self.faults.items() if name != topic}
+            self.faults = {**others, topic: words} if words else others

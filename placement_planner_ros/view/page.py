@@ -41,7 +41,7 @@ class Page:
 
     Attributes:
         record: the newest run.
-        shown: the improvement that is looked at; None where there is none.
+        shown: what is looked at, the best but for a motion that plays; None where there is none.
     """
 
     def __init__(self, server: viser.ViserServer, listener: Listener, world: World) -> None:
@@ -98,7 +98,7 @@ class Page:
     def _remember(self) -> None:
         heard = self._listener.hearing
         if heard.status is not None:
-            self.record.take_status(heard.status, heard.solution, self._listener.positions)
+            self.record.take_status(heard.status, heard.newest, self._listener.positions)
 
     def _hear(self) -> None:
         markers, occupancy = self._listener.markers, self._listener.occupancy
@@ -120,12 +120,8 @@ class Page:
             self._faults[name] = str(error)
 
     def _choose(self) -> None:
-        """Look at the solution that was chosen, or the newest."""
-        record = self.record
-        offered = [(n, each.solution.objective) for n, each in record.improvements.items()]
-        self._panel.offer(offered)
-        # 0 is the best, which follows the newest
-        chosen = record.improvements.get(self._panel.chosen) or record.best
+        """Look at the best solution."""
+        chosen = self.record.best
         if chosen is not self.shown and self._panel.playing and chosen is not None:
             return  # what plays is played to its end
         known = (Itself(chosen), Itself(self._world.robot), self._listener.parameters.count)
@@ -276,15 +272,14 @@ class Page:
 
     def _write(self) -> None:
         record = self.record
-        # a reason is of the best alone: the node checks no older ones
-        last = 0 if record.best is None else record.best.solution.number
         reason = "" if record.status is None else record.status.validity.reason
+        if self.shown is not record.best:  # while its motion plays
+            reason = "there is a better one"
         self._panel.curve.draw(record.curve, float(int(record.elapsed)))
         self._panel.write(
             heading=words.heading_html(record, self._listener.absent),
             placement=words.placement_html(
                 self.solution,
-                last,
                 reason,
                 self._world.parameter("objective", ""),
                 self._confirmed,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import viser
@@ -10,8 +10,6 @@ import viser
 from placement_planner_ros.view.charts import ObjectiveCurve
 from placement_planner_ros.view.stage import LAYERS
 
-BEST = "the best so far"
-"""The choice that follows the newest."""
 WIDTH = 385.0
 """Pixels, so that the words beside bars take one line each."""
 HEADING, COMMANDS = -2.0, -1.0
@@ -39,13 +37,9 @@ class Panel:
         self.playing, self.time = False, 0.0
         self._toggled = False
         self._shown: dict[str, str] = {}
-        self._numbers: tuple[int, ...] = ()
         # from above to below: the run, the placement, what plays it, charts, layers
         self._heading = gui.add_html("", order=HEADING)
         self._placement = gui.add_html("")
-        self._choice: Any = gui.add_dropdown(
-            "Placement", [BEST], hint="Look at an earlier solution of this run again."
-        )
         self._play: Any = gui.add_button("Play", disabled=True, icon=viser.Icon.PLAYER_PLAY)
         self._slider: Any = gui.add_slider(
             "Time, s", 0.0, 1.0, 0.01, 0.0, disabled=True, hint="0: as it is now."
@@ -69,27 +63,9 @@ class Panel:
         self._toggled = True
 
     @property
-    def chosen(self) -> int:
-        """Number of the solution that was chosen; 0 for the best."""
-        value = str(self._choice.value)
-        return 0 if value == BEST else int(value.split(":", 1)[0])
-
-    @property
     def visible(self) -> set[str]:
         """The layers that are shown."""
         return {name for name, box in self._boxes.items() if box.value}
-
-    def offer(self, solutions: Sequence[tuple[int, float]]) -> None:
-        """Number and ξ of the solutions that can be looked at."""
-        numbers = tuple(number for number, _ in solutions)
-        if numbers == self._numbers:
-            return
-        self._numbers = numbers
-        # the choice stays where it is still offered
-        chosen = self._choice.value
-        options = [BEST, *(f"{number}: ξ {value:.3f}" for number, value in reversed(solutions))]
-        self._choice.options = tuple(options)
-        self._choice.value = chosen if chosen in options else BEST
 
     def rewind(self, duration: float) -> None:
         """Another motion: of so many seconds, 0 where there is none."""

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 from placement_planner_ros.client import Solution, Status
 
-MOST = 200
-"""Solutions of a run that are remembered, the newest ones."""
 _REJECTED = "rejected_"
 
 
@@ -32,12 +30,14 @@ class RunRecord:
 
     Attributes:
         run: its number; 0 where there has been none.
-        improvements: by number, in order.
+        best: its newest solution; None where there is none.
+        curve: seconds since the start and ξ of each that was the best at a look.
         status: the newest of the node, whichever run it is of; None before the first.
     """
 
     run: int = 0
-    improvements: dict[int, Improvement] = field(default_factory=dict)
+    best: Improvement | None = None
+    curve: list[tuple[float, float]] = field(default_factory=list)
     status: Status | None = None
     _began: float = field(default_factory=time.monotonic)
     _ended: float | None = None
@@ -45,41 +45,32 @@ class RunRecord:
     def take_status(
         self,
         status: Status,
-        solution_of: Callable[[int, int], Solution | None],
+        newest: Callable[[int], Solution | None],
         positions: Mapping[str, float],
     ) -> None:
-        """Take the newest status and whatever it counts that has come.
+        """Take the newest status, and the run's best solution where it is another.
 
         A node that was started again counts its runs on; a run of another number, whichever, is
         another run.
 
         Args:
-            solution_of: that solution of that run, once all of it has been heard.
+            newest: the best solution of that run of which all has been heard.
             positions: of the joints now.
         """
         self.status = status
         # another run begins anew
         if status.run != self.run:
-            self.run, self.improvements = status.run, {}
+            self.run, self.best, self.curve = status.run, None, []
             self._began, self._ended = time.monotonic(), None
-        # Of those before the newest only what is still kept can be had.
-        known = max(self.improvements, default=0)
-        for number in range(max(known + 1, status.solutions - MOST), status.solutions + 2):
-            found = solution_of(self.run, number) if self.run else None
-            if found is not None:
-                self.improvements[number] = Improvement(found, dict(positions))
-                # The run has gone on for so long at least, however late the page was opened.
-                self._began = min(self._began, time.monotonic() - found.search_time)
-        while len(self.improvements) > MOST:
-            del self.improvements[next(iter(self.improvements))]
+        found = newest(self.run) if self.run else None
+        if found is not None and (self.best is None or found.number > self.best.solution.number):
+            self.best = Improvement(found, dict(positions))
+            self.curve.append((found.search_time, found.objective))
+            # The run has gone on for so long at least, however late the page was opened.
+            self._began = min(self._began, time.monotonic() - found.search_time)
         # the clock of the run stands still once it has ended
         if status.ended and self._ended is None:
             self._ended = time.monotonic()
-
-    @property
-    def best(self) -> Improvement | None:
-        """The newest, which is the best."""
-        return self.improvements[max(self.improvements)] if self.improvements else None
 
     @property
     def elapsed(self) -> float:
@@ -90,14 +81,6 @@ class RunRecord:
     def active(self) -> bool:
         """Whether it is going on."""
         return self.status is not None and self.run > 0 and not self.status.ended
-
-    @property
-    def curve(self) -> list[tuple[float, float]]:
-        """Seconds since the start and ξ of each improvement that was heard."""
-        return [
-            (each.solution.search_time, each.solution.objective)
-            for each in self.improvements.values()
-        ]
 
     @property
     def samples(self) -> int:

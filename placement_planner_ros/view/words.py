@@ -65,7 +65,7 @@ def heading_html(record: RunRecord, absent: str) -> str:
     if record.run == 0:
         return _html_block(_bold_text("No run yet.") + " " + escape(status.message), "#666")
     # a run that ended with nothing has its own words
-    empty = status.ended and not record.improvements
+    empty = status.ended and record.best is None
     alone = f"{status.state} without one" if empty else status.state
     state = _STATES.get(alone, _STATES.get(status.state, status.state))
     colour = {"searching": "#1668c8", "failed": "#b00020", "robot_moved": "#b00020"}.get(
@@ -85,25 +85,20 @@ def heading_html(record: RunRecord, absent: str) -> str:
     return _html_block("<br>".join(parts), "#222")
 
 
-def placement_html(
-    solution: Solution | None, last: int, reason: str, objective: object, placed: bool
-) -> str:
+def placement_html(solution: Solution | None, reason: str, objective: object, placed: bool) -> str:
     """HTML: where the object goes, and why there.
 
     Args:
-        last: number of the run's best.
-        reason: why the best cannot be carried out; empty where it can.
+        reason: why it cannot be carried out; empty where it can.
         objective: the parameter of that name.
         placed: whether this run's object stands already, by whichever of its solutions.
     """
     if solution is None:
         return _html_block("No placement so far.", "#666")
     p = solution.pose.pose.position
-    # whether it is the one that the node would have carried out
-    which = "the best so far" if solution.number == last else f"older; the best is {last}"
     where = f"x {p.x:.2f}, y {p.y:.2f}, z {p.z:.2f} m in {escape(solution.pose.header.frame_id)}"
     lines = [
-        _bold_text(f"Placement {solution.number}") + f" ({which})",
+        _bold_text(f"Placement {solution.number}"),
         f"{where}, by arm {escape(solution.arm)}, grasp {solution.grasp}",
         f"ξ = {_bold_text(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
         + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
@@ -115,8 +110,6 @@ def placement_html(
         lines.append(f"{solution.unseen:.1%} of the way leads where no camera looked")
     if placed:
         lines.append("This run's object has been put down already.")
-    elif solution.number != last:
-        lines.append("Whether an older one can still be carried out is not checked.")
     elif reason:
         lines.append(f'<span style="color:#b00020">Not to be carried out: {escape(reason)}</span>')
     else:

@@ -1,11 +1,10 @@
 """Statuses and solutions as the client hands them out."""
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point as PointMessage
 from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution, Status
 from placement_planner_ros.client.status import Validity
@@ -18,14 +17,6 @@ def status(run=7, solutions=0, state="searching", **values):
     return Status.of(DiagnosticStatus(message="words", values=pairs))
 
 
-def trajectory(joints, positions):
-    """A trajectory that takes a second from point to point."""
-    points = [JointTrajectoryPoint(positions=list(map(float, row))) for row in positions]
-    for second, point in enumerate(points):
-        point.time_from_start.sec = second
-    return JointTrajectory(joint_names=list(joints), points=points)
-
-
 def solution(number=1, objective=0.2, time=1.0, run=7, arm="left", at=(0.4, 0.0, 0.1), **parts):
     """A solution of that number."""
     pose = Pose(position=PointMessage(x=at[0], y=at[1], z=at[2]))
@@ -35,7 +26,7 @@ def solution(number=1, objective=0.2, time=1.0, run=7, arm="left", at=(0.4, 0.0,
         "approach_start": 0.5,
         "terms": {},
         "pose": PoseStamped(header=Header(frame_id="yumi_body"), pose=pose),
-        "trajectory": trajectory(["a"], np.zeros((2, 1))),
+        "trajectory": JointTrajectory(),
         "retreat_trajectory": None,
         "validity": Validity(),
         "words": "",
