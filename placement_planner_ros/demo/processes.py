@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shlex
-import shutil
 import signal
 import socket
 import subprocess
@@ -20,6 +18,8 @@ from placement_planner_ros.__main__ import VIEW_REMEDY
 from placement_planner_ros.view.options import PORT
 
 _HOST = "127.0.0.1"
+_NODE = [sys.executable, "-m", "placement_planner_ros.ros.node"]
+"""The program of the node."""
 
 
 class DemoError(Exception):
@@ -52,7 +52,7 @@ def node_running(namespace: str, arguments: list[str], log: Path) -> Iterator[Ca
     Raises:
         DemoError: it cannot be started.
     """
-    command = [*_node_program(), "--ros-args", "-r", f"__ns:={namespace}", *arguments]
+    command = [*_NODE, "--ros-args", "-r", f"__ns:={namespace}", *arguments]
     with _running(command, log) as process:
         yield lambda: _require_alive(process, log)
 
@@ -132,14 +132,6 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
         finally:  # interrupted once more, too: it must not be left running
             process.kill()
             process.wait()
-
-
-def _node_program() -> list[str]:
-    # the installed program of this environment, else the module
-    beside = Path(sys.executable).parent
-    path = f"{beside}{os.pathsep}{os.environ.get('PATH', '')}"
-    installed = shutil.which("placement_planner", path=path)
-    return [installed] if installed else [sys.executable, "-m", "placement_planner_ros.ros.node"]
 
 
 def _plain_value(value: object) -> str:

@@ -43,13 +43,10 @@ def wait_until_ready(
             # a node that says nothing and one that is not ready need different remedies
             waited, status = time.monotonic() - began, planner.status
             if waited > (SEEN_WITHIN_S if status is None else READY_WITHIN_S):
-                what = (
-                    "no sign of the node" if status is None else f"the node is not ready: {error}"
-                )
                 remedy = _UNSEEN if status is None else BUSY
-                raise DemoError(f"{what} after {waited:.0f} s", remedy) from error
-            doing = "" if status is None else status.lacking
-            line.show(f"  {waited:4.0f} s  {doing or 'the node starts'}")
+                raise DemoError(f"no ready node after {waited:.0f} s: {error}", remedy) from error
+            doing = "the node starts" if status is None else status.lacking
+            line.show(f"  {waited:4.0f} s  {doing}")
         else:
             line.clear()
             return
@@ -86,7 +83,9 @@ def search(
                         f"searching for a better one for {seconds:g} s more"
                     )
                 _take_solution(found, solution, line)
-            line.show(f"  {time.monotonic() - began:4.0f} s  searching{_tried_words(planner)}")
+            tried = "0" if planner.status is None else planner.status.values.get("samples", "0")
+            waited = time.monotonic() - began
+            line.show(f"  {waited:4.0f} s  searching; {tried} poses tried so far")
             time.sleep(_LOOK_S)
         best = planner.stop(run)
     except PlacementError as error:
@@ -103,12 +102,6 @@ def search(
         _take_solution(found, solution, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")
     return found
-
-
-def _tried_words(planner: PlacementClient) -> str:
-    """How many poses were tried so far, in words; '' where that is not known."""
-    samples = 0 if planner.status is None else int(planner.status.values.get("samples", 0))
-    return f"; {samples:,} poses tried so far" if samples else ""
 
 
 def _run_ended(planner: PlacementClient, run: int) -> bool:

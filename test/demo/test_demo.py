@@ -16,7 +16,7 @@ from PIL import Image
 import placement_planner_ros
 from placement_planner_ros.client import PlacementError
 from placement_planner_ros.demo import command, processes, search
-from placement_planner_ros.demo.processes import DemoError, node_arguments, node_running
+from placement_planner_ros.demo.processes import DemoError, node_running
 from placement_planner_ros.demo.results import require_folder
 from placement_planner_ros.demo.setting import bundled, of_file
 from placement_planner_ros.progress import ProgressLine
@@ -115,24 +115,6 @@ def test_a_refused_start_says_the_nodes_words(clock):
         search.search(Planner(clock, refusal=refusal), 10.0, alive, ProgressLine())
 
 
-class Waiting:
-    """A client of a node that is not ready for so many seconds."""
-
-    def __init__(self, clock, seconds, status):
-        self.clock, self.ready_at, self.status = clock, clock.now + seconds, status
-
-    def wait_until_ready(self, seconds):
-        self.clock.sleep(seconds)
-        if self.clock.now < self.ready_at:
-            raise PlacementError("NOT_READY", "compiling kernels: 3 of 175")
-
-
-def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):
-    with pytest.raises(DemoError, match=r"(?s)no sign of the node.*ROS_DOMAIN_ID"):
-        search.wait_until_ready(Waiting(clock, 1e6, None), alive, ProgressLine())
-    assert clock.now < 1000.0 + search.SEEN_WITHIN_S + 1.0
-
-
 @pytest.mark.parametrize(
     ("script", "words"),
     [
@@ -142,7 +124,7 @@ def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):
     ],
 )
 def test_a_node_that_died_is_named_with_its_last_words(monkeypatch, tmp_path, script, words):
-    monkeypatch.setattr(processes, "_node_program", lambda: [sys.executable, "-c", script])
+    monkeypatch.setattr(processes, "_NODE", [sys.executable, "-c", script])
     with pytest.raises(DemoError, match=words):
         watched_until_it_ends(tmp_path / "node.log")
 
@@ -154,15 +136,6 @@ def watched_until_it_ends(log):
             time.sleep(0.05)
 
 
-def test_a_node_that_cannot_be_started_says_how_to_try(monkeypatch, tmp_path):
-    monkeypatch.setattr(processes, "_node_program", lambda: [str(tmp_path / "nowhere")])
-    with (
-        pytest.raises(DemoError, match=r"(?s)cannot be started.*by hand: .*nowhere --ros-args"),
-        node_running("/x", [], tmp_path / "node.log"),
-    ):
-        raise AssertionError("it runs")
-
-
 def test_a_folder_that_cannot_be_written_is_named_before_anything_else(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     folder = tmp_path / "file" / "folder"
@@ -170,27 +143,6 @@ def test_a_folder_that_cannot_be_written_is_named_before_anything_else(tmp_path,
         require_folder(folder)
     assert command.main(["--output", str(folder)]) == 1
     assert "what to try" in capsys.readouterr().err
-
-
-def test_faults_of_a_parameter_file_are_told(tmp_path):
-    file = tmp_path / "robot.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    target_volume: [1.0]\n")
-    with pytest.raises(DemoError, match=r"(?s)target_volume.*placement_check_robot"):
-        of_file(file, "table")
-
-
-def test_what_the_node_is_told_can_be_said_again():
-    setting = bundled("table", "wine_glass")
-    words = node_arguments(setting.file, setting.parameters)
-    given = dict(word.split(":=") for word in words if ":=" in word)
-    corners = [float(number) for number in given["target_volume"].strip("[]").split(",")]
-    assert corners == [*setting.scene.volume.lower, *setting.scene.volume.upper]
-    assert float(given["edge_margin"]) > 0.05
-
-
-def test_in_the_shelf_the_book_shall_lean():
-    setting = bundled("shelf", "book")
-    assert "contacts:=['lean']" in node_arguments(setting.file, setting.parameters)
 
 
 def own_box(tmp_path, more=""):
@@ -271,20 +223,3 @@ def test_interrupted_it_says_so_and_leaves_no_node(tmp_path):
     assert "Traceback" not in err
     assert nodes
     assert all(gone(pid) for pid in nodes)
-
-
-def test_a_killed_node_is_named(tmp_path):
-    process = demo(tmp_path)
-    for pid in once_a_node_runs(process):
-        os.kill(pid, signal.SIGKILL)
-    _, err = process.communicate(timeout=600.0)
-    assert process.returncode == 1
-    assert "the node ended with code -9" in err
-    assert "what to try" in err
-
-
-def test_a_middleware_that_is_not_there_is_named(tmp_path):
-    process = demo(tmp_path, RMW_IMPLEMENTATION="rmw_not_there_cpp")
-    _, err = process.communicate(timeout=600.0)
-    assert process.returncode != 0
-    assert "rmw_not_there_cpp" in err

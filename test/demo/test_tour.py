@@ -76,12 +76,6 @@ def test_a_placement_that_does_not_hold_any_more_is_not_confirmed(node):
     assert node.confirmed == []
 
 
-def test_a_refusal_is_said_in_the_nodes_words(node):
-    node.refusal = "object.vertices: no"
-    with pytest.raises(DemoError, match=r"refuses wine_glass: object\.vertices: no"):
-        put_down(node, "wine_glass")
-
-
 @pytest.mark.parametrize("more", [["--object", "wine_glass"], ["--params-file", "x"]])
 def test_what_does_not_go_together_is_refused(more, capsys):
     with pytest.raises(SystemExit):
