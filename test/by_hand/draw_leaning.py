@@ -31,8 +31,8 @@ TOWARDS_EYE = np.array(
 GREEN, BLUE, RED = (0.45, 0.75, 0.45), (0.1, 0.25, 0.7), (0.8, 0.15, 0.1)
 CONE_M = 0.06
 """m, length of cones and pushes."""
-LOW, HIGH = np.array([0.3, -0.3, 0.0]), np.array([0.8, 0.3, 0.4])
-"""m, corners of what is shown."""
+SHOWN = np.array([0.5, 0.6, 0.4])
+"""m, of the box that is shown, on the floor and around the thing."""
 
 
 def solid(axes, vertices, triangles, colour, alpha):
@@ -53,19 +53,26 @@ def draw(axes, situation: LeanSituation):
     rng = np.random.default_rng(1)
     contact = situation.contact(situation.environment("complete", rng))
     found = leaning_poses(contact, rng, most=1, tries=200)
-    for part in situation.parts:
-        solid(axes, np.clip(part.vertices, LOW, HIGH), part.triangles, GREY, 0.35)
     vertices, triangles = situation.thing.vertices, situation.thing.faces
     if found:
         T, feature = found[0]
-        solid(axes, vertices @ T[:3, :3].T + T[:3, 3], triangles, GREEN, 0.9)
+        placed = vertices @ T[:3, :3].T + T[:3, 3]
+    else:
+        placed = vertices - vertices.mean(axis=0) + [0.42, 0.0, np.ptp(vertices[:, 2]) / 2]
+    low = 0.5 * (placed.min(axis=0) + placed.max(axis=0) - SHOWN) * (1, 1, 0)
+    high = low + SHOWN
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(SHOWN, zoom=1.45)
+    for part in situation.parts:
+        solid(axes, np.clip(part.vertices, low, high), part.triangles, GREY, 0.35)
+    if found:
+        solid(axes, placed, triangles, GREEN, 0.9)
         resting = contact.resting(pin.SE3(T), feature)
         friction = situation.settings.get("friction", 0.3)
         for point, normal in zip(resting.points, resting.normals, strict=True):
             draw_force(axes, point, normal, friction)
     else:
-        lying = vertices - vertices.mean(axis=0) + [0.42, 0.0, np.ptp(vertices[:, 2]) / 2]
-        solid(axes, lying, triangles, RED, 0.25)
+        solid(axes, placed, triangles, RED, 0.25)
     missing = contact.missing()
     words = "" if found else missing.words if missing else "no pose is free on all of its way"
     axes.set_title(situation.name, fontsize=10)
@@ -98,8 +105,6 @@ def main() -> None:
         figure = plt.figure(figsize=(13.0, 3.2))
         for column, situation in enumerate(shown[first : first + IN_A_ROW], 1):
             axes = figure.add_subplot(1, IN_A_ROW, column, projection="3d")
-            axes.set(xlim=(LOW[0], HIGH[0]), ylim=(LOW[1], HIGH[1]), zlim=(LOW[2], HIGH[2]))
-            axes.set_box_aspect(HIGH - LOW, zoom=1.45)
             axes.view_init(*np.rad2deg([ELEVATION, AZIMUTH]))
             axes.set_axis_off()
             axes.computed_zorder = False  # what comes later is in front
