@@ -20,22 +20,6 @@ def module():
     return made
 
 
-@pytest.fixture
-def pip(module, tmp_path):
-    return module.Pip(tmp_path / "log")
-
-
-def test_it_says_what_pip_does(pip):
-    pip.hear("Collecting numba<0.70,>=0.60\n")
-    pip.hear("  Downloading numba-0.62.1-cp311-manylinux.whl (3.8 MB)\n".strip())
-    assert pip.progress(0) == "fetches numba, 3.8 MB; 1 package so far"
-    pip.hear("Installing collected packages: pytz, numpy, numba\n")
-    assert pip.progress(2) == "unpacks: 2 of 3 packages"
-    pip.hear("\n")
-    assert pip.progress(7) == "unpacks: 3 of 3 packages"
-    assert pip.progress(1) == "unpacks: 3 of 3 packages"  # it never goes back
-
-
 @pytest.mark.parametrize(
     ("said", "remedy"),
     [
@@ -72,16 +56,6 @@ def test_a_failure_is_shown_with_its_last_words(tmp_path):
     assert "installing x" in out
     assert "No space left" in err
     assert "what to try: make room" in err
-
-
-def test_success_is_quiet(tmp_path):
-    process = run(tmp_path, "print('Collecting a')")
-    out, err = process.communicate(timeout=300.0)
-    assert process.returncode == 0
-    assert out.splitlines()[0] == "installing x"
-    assert "done after" in out
-    assert err == ""
-    assert (tmp_path / "log").read_text() == "Collecting a\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

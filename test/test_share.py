@@ -18,11 +18,6 @@ def load_from(folder: Path):
     return module
 
 
-def test_checkout():
-    assert share.share_path("urdf", "yumi.urdf").is_file()
-    assert share.share_path("urdf").is_dir()
-
-
 @pytest.mark.parametrize("packages", ["lib/python3.12/site-packages", "lib/python3/dist-packages"])
 def test_prefix(tmp_path, packages):
     module = load_from(tmp_path / packages / share.PACKAGE)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import coal
 import numpy as np
-import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from benchmarks.household import object_by_name
@@ -216,8 +215,3 @@ def yumi_at(thing: str, arm: str) -> tuple[Robot, Array]:
     """The bundled robot, and q_0 (nq,)."""
     robot = load_yumi()
     return robot, robot.configuration(start_of(thing, arm))
-
-
-def grasp_pose(robot: Robot, q: Array, thing: str, arm: str, grasp: int) -> pin.SE3:
-    """T_world_object of the object in the hand."""
-    return robot.link_pose(q, TIP_FRAMES[arm]) * object_by_name(thing).grasps[arm][grasp]

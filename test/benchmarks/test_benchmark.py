@@ -1,22 +1,10 @@
 """The command line: cases that resume, progress, and what works without the drawing library."""
 
-from benchmarks import jobs
 from benchmarks.__main__ import main
-from benchmarks.jobs import WorkProgress
 from benchmarks.json_lines import read_lines
 
 ONE_CASE = ["--scene", "table", "--object", "small_crayons_box"]
 ONE_CASE += ["--objective", "maximize_clearance"]
-
-
-def test_progress_is_by_work_not_by_number(monkeypatch):
-    now, told = [100.0], []
-    monkeypatch.setattr(jobs.time, "monotonic", lambda: now[0])
-    progress = WorkProgress([30.0, 60.0, 10.0], told.append)
-    for seconds, work in ((15.0, 30.0), (30.0, 60.0), (5.0, 10.0)):
-        now[0] += seconds
-        progress.done("it", work)
-    assert told == ["[1/3, 35 s left] it", "[2/3, 5 s left] it", "[3/3, 0 s left] it"]
 
 
 def test_cases_keep_every_solution_and_resume(tmp_path, capsys):

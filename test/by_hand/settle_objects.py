@@ -6,6 +6,7 @@ python test/by_hand settle_objects --output results/objects
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from dataclasses import dataclass
@@ -23,29 +24,8 @@ from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 
 NOISE = 0.001
 """Standard deviation of a scan's vertices along their normals, metres."""
-SCANS = {
-    "large_crayons_box": 5_000,
-    "small_crayons_box": 20_000,
-    "wine_glass": 50_000,
-    "toy_table": 20_000,
-    "box": 200_000,
-    "flat box": 50_000,
-    "tall box": 5_000,
-    "bulging box": 20_000,
-    "bulging carton": 100_000,
-    "cylinder of 12": 20_000,
-    "cylinder of 20": 5_000,
-    "cylinder of 32": 200_000,
-    "cylinder of 64": 50_000,
-    "cone": 20_000,
-    "cone of 16": 100_000,
-    "bottle": 100_000,
-    "hollow bowl": 50_000,
-    "mug": 200_000,
-    "banana": 50_000,
-    "drill": 100_000,
-}
-"""Shapes and the triangles of their scans."""
+SCAN_TRIANGLES = (5_000, 20_000, 50_000, 100_000, 200_000)
+"""Of the scans of the shapes, one after the other."""
 HELD = ("bowl", "plate", "plastic_glass", "milk", "cereal")
 """Files of the shared data."""
 
@@ -82,7 +62,7 @@ def objects() -> dict[str, Thing]:
 def things() -> dict[str, Thing]:
     """All objects and scans by name."""
     made = objects()
-    for number, (name, triangles) in enumerate(SCANS.items()):
+    for number, (name, triangles) in enumerate(zip(SHAPES, itertools.cycle(SCAN_TRIANGLES))):
         mesh = noisy(finer(made[name].mesh, triangles), NOISE, np.random.default_rng(number))
         made[f"scan of {name}"] = Thing(mesh, made[name].center)
     return made

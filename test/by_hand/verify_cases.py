@@ -23,7 +23,8 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.objects import GraspedObject
+from placement_planner_ros.scenes.scenes import Scene, scene_by_name
 from placement_planner_ros.scenes.yumi import (
     GRIPPER_JOINTS,
     GRIPPER_OPEN,
@@ -45,23 +46,23 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
 
 @functools.cache
 def _measured(scene_name: str, object_name: str) -> np.ndarray:
-    """(2, n, 3) corners of the boxes around a complete cloud, which is the same in every run."""
-    robot, held = load_yumi(), object_by_name(object_name)
+    """Boxes around a complete cloud, which is the same in every run."""
+    scene = scene_by_name(scene_name)
+    return measured_boxes(scene, object_by_name(object_name), complete_cloud(scene))
+
+
+def measured_boxes(scene: Scene, held: GraspedObject, points: np.ndarray) -> np.ndarray:
+    """(2, n, 3) corners of the boxes around the points within reach."""
+    robot = load_yumi()
     bounds = workspace(
         robot,
         tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
         robot.configuration(start_configuration(held)),
         Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
-        scene_by_name(scene_name).volume,
+        scene.volume,
     )
-    obstacles = ObstacleSet.from_points(_cloud(scene_name), GridSettings(), bounds)
+    obstacles = ObstacleSet.from_points(points, GridSettings(), bounds)
     return np.stack([obstacles.lower, obstacles.upper])
-
-
-@functools.cache
-def _cloud(scene_name: str) -> np.ndarray:
-    """(n, 3) the scene's complete cloud."""
-    return complete_cloud(scene_by_name(scene_name))
 
 
 NAMES = ("times", "positions", "velocities", "accelerations")
@@ -163,20 +164,12 @@ def _spread_of_times(times: list[float]) -> str:
 def summary(runs: list[dict], refused: int) -> str:
     """How many runs were solved, how soon, and what the checker said."""
     solved = sum(bool(run["solutions"]) for run in runs)
-    parts = [f"{solved} of {len(runs)} runs solved"]
-    for n, name in ((0, "first solution"), (2, "third solution (two improvements)")):
-        times = [r["solutions"][n]["time"] for r in runs if len(r["solutions"]) > n]
-        if not times:
-            parts.append(f"{name}: none")
-            continue
-        without = len(runs) - len(times)
-        # runs without one count as endless, so the median may be, too
-        median = np.median(times + [np.inf] * without)
-        found = f"median {median:.2f} s" if np.isfinite(median) else "in fewer than half"
-        text = f"{name}: {found}, worst {max(times):.2f} s"
-        parts.append(text + (f", none in {without} of {len(runs)} runs" if without else ""))
+    times = [r["solutions"][0]["time"] if r["solutions"] else np.inf for r in runs]
     solutions = sum(len(run["solutions"]) for run in runs)
-    return f"{'; '.join(parts)}. Of {solutions} solutions the checker refused {refused or 'none'}."
+    return (
+        f"{solved} of {len(runs)} runs solved, the first solution after {_spread_of_times(times)} s"
+        f" (median, worst). Of {solutions} solutions the checker refused {refused or 'none'}."
+    )
 
 
 def main() -> int:

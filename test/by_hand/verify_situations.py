@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
-from by_hand.verify_cases import read_solution
+from by_hand.verify_cases import measured_boxes, read_solution
 from helpers.settle import settle
 from helpers.tasks import yumi_checker, yumi_task
 
@@ -30,32 +30,18 @@ from benchmarks.situations.runs import (
     SOLUTIONS,
     job_key,
 )
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
 
 
 def checker_of(situation, cloud):
     """The checker of a situation; the margin is checked on what was measured of all of it."""
-    held = object_by_name(situation.thing)
-    measured = None
+    held, measured = object_by_name(situation.thing), None
     if cloud == "complete":
-        obstacles = _obstacles(situation, held)
-        measured = np.stack([obstacles.lower, obstacles.upper])
+        points = observe(situation, cloud, np.random.default_rng(0)).points
+        measured = measured_boxes(situation.scene, held, points)
     objective = OBJECTIVE if cloud == "complete" else ""
     changes = {"measured": measured, "support": situation.support}
     return yumi_checker(yumi_task(situation.scene, held, objective, **changes))
-
-
-def _obstacles(situation, held):
-    robot = _robot()
-    arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items())
-    q_start = robot.configuration(start_configuration(held))
-    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
-    bounds = workspace(robot, arms, q_start, body, situation.scene.volume)
-    points = observe(situation, "complete", np.random.default_rng(0)).points
-    return ObstacleSet.from_points(points, GridSettings(), bounds)
 
 
 @functools.cache

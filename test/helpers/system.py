@@ -98,10 +98,6 @@ class Client(Node):
         wait(future.done)
         return future.result()
 
-    def drop(self, destroy, entity):
-        """Destroy it in the thread that spins, which would end where it waits for it meanwhile."""
-        wait(self.executor_.create_task(destroy, entity).done)
-
     def call(self, service, **parameters):
         if not (service.endswith("_with") or service == "remove_placed"):
             response = self.request(Trigger, service, Trigger.Request())

@@ -10,7 +10,7 @@ from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.pictures import animation
 from placement_planner_ros.pictures.rendering import Mesh
-from placement_planner_ros.pictures.shapes import PLACED, see_through, tube
+from placement_planner_ros.pictures.shapes import PLACED, see_through
 from placement_planner_ros.pictures.stage import SIZE, Leg, Stage
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.scenes.objects import object_by_name
@@ -81,17 +81,6 @@ def test_what_stands_aside_is_not_seen_through(motion):
     assert see_through(view, placed[None], [mesh]) == [mesh]
 
 
-def test_a_tube_keeps_its_radius():
-    points = np.column_stack([np.linspace(0, 1, 9), np.zeros(9), np.linspace(0, 2, 9)])
-    made = tube(points, 0.03, (1.0, 0.0, 0.0))
-    along = points[-1] / np.linalg.norm(points[-1])
-    off = made.vertices - np.outer(made.vertices @ along, along)
-    lengths = np.linalg.norm(off, axis=1)
-    assert lengths.max() == pytest.approx(0.03)
-    np.testing.assert_allclose(lengths[lengths > 1e-9], 0.03)  # else middles of its ends
-    assert made.triangles.max() < len(made.vertices)
-
-
 def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
     motion = replace(
         motion,
@@ -115,9 +104,3 @@ def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
         drawn.seek(frame)
         played += drawn.info["duration"] / 1000.0
     assert motion.duration < played < motion.duration + 4.0
-
-
-def test_long_motions_are_shown_faster(motion, tmp_path, monkeypatch):
-    monkeypatch.setattr(animation, "_MOST_FRAMES", 6)
-    animation.draw_animation(tmp_path / "moving.gif", shown_in(motion))
-    assert Image.open(tmp_path / "moving.gif").n_frames <= 8

@@ -44,14 +44,11 @@ often = settings(
 
 ODD = (0.0, -0.0, 1.0, -1.0, 1e-320, 1e9, 1e300, -1e300, math.inf, -math.inf, math.nan)
 NUMBERS = st.sampled_from(ODD) | st.floats(-10.0, 10.0)
-INT32 = st.integers(-(2**31), 2**31 - 1)
 UINT32 = st.integers(0, 2**32 - 1) | st.integers(0, 40)
 WORDS = ["", " ", "left", "right", FRAME, "map", "~/x.stl", "package://a/b", "1e-05"]
 LETTERS = st.characters(exclude_categories=["Cs"], exclude_characters="\0")
 TEXTS = st.sampled_from(WORDS) | st.text(LETTERS, max_size=30)
-STAMPS = st.builds(
-    Time, sec=st.sampled_from([0, 1, -1, 2**31 - 1, -(2**31)]) | INT32, nanosec=UINT32
-)
+STAMPS = st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=UINT32)
 
 
 class World:
@@ -85,8 +82,8 @@ class World:
         assert code in CODES, text
         if code == "OK":
             ended = {self.bench.call("stop").code}
-            if ended == {"STOPPING"}:  # the worker had no time to look, on a busy machine
-                self.bench.wait(lambda: self.bench.call("stop").code == "NOT_RUNNING")
+            # STOPPING: the worker had no time to look, on a busy machine
+            self.bench.wait(lambda: self.bench.call("stop").code == "NOT_RUNNING")
             assert ended <= {"OK", "NOT_RUNNING", "STOPPING"}
         return code
 
@@ -141,8 +138,6 @@ def values(draw, spec=None):
         integer_value=draw(st.integers(-(2**63), 2**63 - 1)),
         double_value=draw(NUMBERS),
         string_value=draw(TEXTS),
-        byte_array_value=draw(st.lists(st.binary(min_size=1, max_size=1), max_size=5)),
-        bool_array_value=draw(st.lists(st.booleans(), max_size=5)),
         integer_array_value=draw(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=9)),
         double_array_value=draw(st.lists(NUMBERS, max_size=15)),
         string_array_value=draw(st.lists(TEXTS, max_size=5)),
@@ -184,21 +179,13 @@ def test_any_parameters_of_a_run(world, data):
 @given(st.data())
 def test_any_parameters_that_are_set(world, data):
     given_ = data.draw(parameters(world.specs))
-    if data.draw(st.booleans()):
-        results = world.request(SetParameters, "set_parameters", given_).results
-        assert len(results) == len(given_)
-    else:
-        service = "set_parameters_atomically"
-        results = [world.request(SetParametersAtomically, service, given_).result]
+    results = world.request(SetParameters, "set_parameters", given_).results
+    assert len(results) == len(given_)
     assert all(each.successful or each.reason for each in results)
     assert all("INTERNAL" not in each.reason for each in results)
     world.see_the_table()
     world.bench.joint_state()
     world.answered(world.bench.call("start").text)
-
-
-def test_after_all_that_was_set_it_plans(world):
-    world.still_plans()
 
 
 ODD_PART = {
@@ -248,6 +235,6 @@ def test_any_cloud(world, message, mode):
     world.answered(b.call("start").text)
 
 
-def test_after_all_clouds_it_plans(world):
+def test_after_all_of_that_it_plans(world):
     assert world.bench.call("clear_environment").code == "OK"
     world.still_plans()

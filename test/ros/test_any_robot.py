@@ -7,9 +7,6 @@ import pytest
 import yaml
 from sensor_msgs.msg import JointState
 
-from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.ros.inputs.robot_input import make_arm
-
 CARRIED = {"lift": 0.1, "pan": 0.2, "swing": 0.3, "bend": 0.4, "roll": 17.3}
 
 
@@ -133,13 +130,6 @@ def test_an_srdf_decides_and_the_line_that_is_missing_is_told(bench):
     assert 'reason="User"/>' in line
 
 
-def test_touch_links_add_to_the_hand(bench):
-    b = bench(**TOWER, **{"left.touch_links": ["fore"]})
-    parameters = b.node._settings.current
-    arm = make_arm(b.node._inputs.robot.robot, parameters, "left")
-    assert arm.touch_links == ("hand", "fore")
-
-
 def limits_of(b):
     b.node._inputs.robot.wait()
     robot = b.node._inputs.robot.robot
@@ -186,15 +176,6 @@ def test_moveit_limits_are_read(bench, tmp_path, kind):
     assert found["roll"] == (1.0, 5.0)
 
 
-def test_a_file_of_other_limits_is_refused(bench, tmp_path):
-    path = tmp_path / "joint_limits.yaml"
-    path.write_text("joint_limits: {lift: {max_acceleration: fast}}")
-    with pytest.raises(PlacementPlannerError, match=r"lift\.max_acceleration = 'fast'"):
-        bench(**TOWER, robot_description_planning=str(path))
-    with pytest.raises(PlacementPlannerError, match="no_such"):
-        bench(**TOWER, robot_description_planning=str(tmp_path / "no_such.yaml"))
-
-
 def test_without_a_description_the_robot_in_use_is_named(bench):
     b = bench()
     b.cloud()
@@ -237,6 +218,15 @@ def test_a_joint_that_nobody_publishes_may_be_told_instead(bench):
     assert snapshot.q_start[snapshot.robot.index("pan")] == 0.2
 
 
+def test_a_passive_joint_that_nobody_publishes_is_no_reason_to_refuse(bench):
+    srdf = '<robot name="tower"><passive_joint name="pan"/></robot>'
+    b = bench(**TOWER, robot_description_semantic=srdf)
+    stand(b, pan=None)
+    assert b.call("start").code == "OK"
+    b.wait(lambda: b.snapshots)
+    assert "pan" not in b.snapshots[0].joints
+
+
 def move(b, joint, value):
     b.node._inputs.joints.update([joint], [value], time.monotonic(), time.time())
 
@@ -258,16 +248,3 @@ def test_only_what_an_arm_or_a_sensor_hangs_on_must_be_at_rest(bench):
     assert answer.code == "ROBOT_MOVING"
     assert "bend" in answer.text
     assert "pan" not in answer.text
-
-
-def test_a_passive_joint_that_nobody_publishes_is_no_reason_to_refuse(bench):
-    """As the caster of a base: the SRDF says that nothing drives it, and no driver tells of it."""
-    srdf = '<robot name="tower"><passive_joint name="pan"/></robot>'
-    b = bench(**TOWER, robot_description_semantic=srdf)
-    stand(b, pan=None)
-    answer = b.call("start")
-    assert answer.code == "OK", answer.text
-    b.wait(lambda: b.snapshots)
-    (snapshot,) = b.snapshots
-    assert "pan" not in snapshot.joints
-    assert b.node._reporter.left_start(b.node._commands.run) == ""

@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 
 def compiling(folder):
     """The program with its kernels in that folder."""
@@ -40,31 +42,20 @@ def both_compilers(process):
     return [os.pidfd_open(first), os.pidfd_open(child_of(first))]
 
 
-def assert_given_up(compilers, folder):
-    """They end, and not because all is compiled."""
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_ended_early_it_leaves_no_process(tmp_path, number):
+    process = compiling(tmp_path)
+    compilers = both_compilers(process)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=300.0)
     for each in compilers:
         select.select([each], [], [])
         os.close(each)
-    assert list(folder.rglob("passed")) == []
-
-
-def test_killed_it_leaves_no_process(tmp_path):
-    process = compiling(tmp_path)
-    compilers = both_compilers(process)
-    process.kill()
-    process.communicate()
-    assert_given_up(compilers, tmp_path)
-
-
-def test_interrupted_it_says_so_and_leaves_no_process(tmp_path):
-    process = compiling(tmp_path)
-    compilers = both_compilers(process)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=300.0)
-    assert process.returncode == 130
-    assert err.startswith("interrupted")
-    assert "Traceback" not in err
-    assert_given_up(compilers, tmp_path)
+    assert list(tmp_path.rglob("passed")) == [], "they ended because all was compiled"
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert err.startswith("interrupted")
+        assert "Traceback" not in err
 
 
 def test_where_nothing_can_be_kept_it_says_what_to_try(tmp_path):

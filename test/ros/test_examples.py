@@ -2,7 +2,6 @@
 
 import os
 import re
-import runpy
 import signal
 import subprocess
 import sys
@@ -204,30 +203,3 @@ def test_every_example_is_run_here():
     scene = (Path(__file__).parent / "test_planning_scene.py").read_text()
     for file in EXAMPLES.iterdir():
         assert f'"{file.name}"' in here + library + scene, file.name
-
-
-@pytest.mark.parametrize("kind", ["ply", "csv", "npy"])
-def test_camera_reads_what_people_have(kind, tmp_path):
-    points = np.array([[0.5, -0.25, 1.0], [np.nan, np.nan, np.nan], [0.125, 2.0, 3.0]])
-    file = tmp_path / f"scan.{kind}"
-    if kind == "ply":
-        trimesh.PointCloud(points).export(file)
-    elif kind == "csv":
-        np.savetxt(file, np.hstack([points, points[:, :1]]), delimiter=",")
-    else:
-        np.save(file, np.hstack([points, points[:, :1]]))
-    read = runpy.run_path(str(EXAMPLES / "camera.py"))["read_points"](file)
-    np.testing.assert_array_equal(read, points)
-
-
-def test_camera_says_in_a_line_what_it_cannot_read(tmp_path, capsys):
-    main = runpy.run_path(str(EXAMPLES / "camera.py"))["main"]
-    for name, words in (
-        ("scan.las", "write it as .ply"),
-        ("none.npy", "No such file"),
-    ):
-        if name.startswith("scan"):
-            (tmp_path / name).write_text("?")
-        with pytest.raises(SystemExit):
-            main([str(tmp_path / name), "--frame", "camera"])
-        assert words in capsys.readouterr().err

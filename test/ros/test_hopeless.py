@@ -132,17 +132,8 @@ HELD = object_by_name("small_crayons_box")
 SIDEWAYS = turned((0, 1, 0), np.pi / 2, z=0.215)
 FROM_ABOVE = turned((0, 0, 1), 0.0, z=0.145)
 PLATE = block(0.14, 0.14, 0.01)
-UP_THERE = np.array([0.0, 0.0, 5.0])
 BELOW = np.array([0.4, 0.0, -0.4])
 """Where a camera sees the table from below."""
-POSTS = np.concatenate(
-    [
-        level((x, x + 0.012), (y, y + 0.012), z, 0.004)
-        for x in np.arange(0.36, 0.6, 0.11)
-        for y in np.arange(-0.3, 0.42, 0.11)
-        for z in np.arange(0.0, 0.15, 0.006)
-    ]
-)
 
 
 def along_x(y):
@@ -152,16 +143,6 @@ def along_x(y):
 
 TRENCH = np.concatenate([TABLE, along_x(0.112), along_x(0.188)])
 """Two walls between which the fingers fit, but not once they have opened."""
-BAR = block(0.094, 0.021, 0.05)
-BY_ITS_END = pin.SE3(HELD.grasps["left"][0].rotation, np.array([0.0, 0.0, 0.165]))
-STANDS = np.concatenate(
-    [
-        level((0.342, 0.458), (0.092, 0.208), 0.1, 0.005),
-        level((0.28, 0.52), (0.03, 0.27), 0.171),
-        level((0.342, 0.458), (0.392, 0.508), 0.1, 0.005),
-    ]
-)
-"""Two stands, one of them with a roof that is just above the hand."""
 
 SITUATIONS = {
     "volume in the air": Situation(
@@ -177,13 +158,6 @@ SITUATIONS = {
         "target_volume",
         raised,
         "0.100 m above it",
-    ),
-    "volume beside the table": Situation(
-        Inputs({"target_volume": [0.25, 0.5, -0.05, 0.55, 0.7, 0.2]}),
-        "NO_REGION",
-        "target_volume",
-        with_parameters(target_volume=ABOVE),
-        "nothing was measured",
     ),
     "object larger than any region": Situation(
         Inputs(
@@ -246,16 +220,6 @@ SITUATIONS = {
         with_parameters(self_filter__enabled=True),
         "in collision with the clouds",
     ),
-    "one arm disabled": Situation(
-        Inputs(
-            {"target_volume": [0.1, 0.6, -0.05, 0.4, 0.9, 0.2], "arms": ["right"]},
-            level((0.0, 0.5), (0.5, 1.0), 0.0),
-        ),
-        "OUT_OF_REACH",
-        "arms",
-        with_parameters(arms=["left", "right"]),
-        "out of reach of every arm",
-    ),
     "an empty cloud": Situation(
         Inputs(points=np.zeros((0, 3))),
         "NO_CLOUD",
@@ -269,13 +233,6 @@ SITUATIONS = {
         "sensor_poses.camera",
         with_parameters(sensor_poses__camera=pose(pin.SE3.Identity())),
         "'camera'",
-    ),
-    "a sensor elsewhere": Situation(
-        Inputs({"sensor_poses.camera": pose(pin.SE3(np.eye(3), UP_THERE))}, frame="camera"),
-        "NO_REGION",
-        "sensor_poses.camera",
-        with_parameters(sensor_poses__camera=pose(pin.SE3.Identity())),
-        "z 5.000 to 5.000",
     ),
     "everything unseen": Situation(
         Inputs(
@@ -302,22 +259,8 @@ SITUATIONS = {
         untilted,
         "slopes by 10.",
     ),
-    "points too far apart": Situation(
-        Inputs(points=level((0.2, 0.6), (-0.3, 0.4), 0.0, 0.03)),
-        "NO_REGION",
-        "cloud_topics",
-        lambda inputs, _: replace(inputs, points=TABLE),
-        "measured without holes",
-    ),
     "a surface full of holes": Situation(
         Inputs(points=TABLE[np.random.default_rng(0).random(len(TABLE)) < 0.07]),
-        "NO_REGION",
-        "cloud_topics",
-        lambda inputs, _: replace(inputs, points=TABLE),
-        "nothing in target_volume is level, measured without holes",
-    ),
-    "points that scatter": Situation(
-        Inputs(points=TABLE + np.random.default_rng(0).normal(0.0, 0.01, TABLE.shape)),
         "NO_REGION",
         "cloud_topics",
         lambda inputs, _: replace(inputs, points=TABLE),
@@ -344,23 +287,6 @@ SITUATIONS = {
         with_parameters(collision_margin=0.003),
         "0.1 m is set",
     ),
-    "a margin too wide for the object": Situation(
-        Inputs(
-            {"collision_margin": 0.045, "target_volume": [0.36, -0.1, -0.05, 0.55, 0.3, 0.05]},
-            np.concatenate([TABLE, POSTS]),
-        ),
-        "NO_SOLUTION",
-        "collision_margin",
-        with_parameters(collision_margin=0.003),
-        "0.045 m is set",
-    ),
-    "an object ten times too large": Situation(
-        Inputs({"object.scale": 10.0}),
-        "BAD_GRASP",
-        "object.scale",
-        with_parameters(object__scale=1.0),
-        "lies in",
-    ),
     "an object in millimetres": Situation(
         Inputs({"object.scale": 1000.0}),
         "BAD_OBJECT",
@@ -381,20 +307,6 @@ SITUATIONS = {
         with_parameters(left__gripper_open=[0.0205]),
         "left the fingers no room to open",
     ),
-    "a roof just above the hand": Situation(
-        Inputs(
-            {
-                **BAR,
-                "left.grasps": poses(BY_ITS_END),
-                "target_volume": [0.3, 0.05, 0.05, 0.5, 0.25, 0.15],
-            },
-            STANDS,
-        ),
-        "NO_SOLUTION",
-        "target_volume",
-        with_parameters(target_volume=[0.3, 0.35, 0.05, 0.5, 0.55, 0.15]),
-        "had no free straight way down onto the support",
-    ),
     "an edge margin too wide": Situation(
         Inputs(
             {"edge_margin": 0.06, "target_volume": [0.3, 0.05, -0.05, 0.5, 0.25, 0.15]},
@@ -404,16 +316,6 @@ SITUATIONS = {
         "edge_margin",
         with_parameters(edge_margin=0.003),
         "0.06 m is set, 0.003 m is usual",
-    ),
-    "cells too coarse": Situation(
-        Inputs(
-            {"cloud.cell_size": 0.08, "target_volume": [0.36, -0.1, -0.05, 0.55, 0.3, 0.05]},
-            np.concatenate([TABLE, POSTS]),
-        ),
-        "NO_REGION",
-        "cloud.cell_size",
-        with_parameters(cloud__cell_size=0.01),
-        "0.08 m is set, 0.01 m is usual",
     ),
     "a side up that no rest has": Situation(
         Inputs({"object.up": [0.3, 0.5, 1.0], "object.up_tolerance": 0.05}),
@@ -428,13 +330,6 @@ SITUATIONS = {
         "object.front",
         with_parameters(object__front=[]),
         "only together",
-    ),
-    "a hand too narrow for the object": Situation(
-        Inputs({**block(0.062, 0.062, 0.05), "left.grasps": poses(FROM_ABOVE)}),
-        "BAD_GRASP",
-        "left.grasps",
-        with_parameters(**{n.replace(".", "__"): v for n, v in block(0.03, 0.03, 0.05).items()}),
-        "the open hand",
     ),
     "no time": Situation(
         Inputs({"time_limit": 1e-5}),

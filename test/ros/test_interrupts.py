@@ -47,16 +47,13 @@ from placement_planner_ros.ros import node as module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.robot_input import RobotInput
-from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.run import preparation
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 owner, name = {
     "reading": (RobotInput, "_read"),
-    "warming": (module, "warm_up"),
     "preparing": (preparation, "make_planner"),
-    "searching": (Outputs, "solution"),
 }[stage]
 act, make = getattr(owner, name), module.PlacementPlannerNode.__init__
 
@@ -105,11 +102,7 @@ def run(program, *arguments):
 
 @pytest.mark.parametrize(
     ("program", "module", "number"),
-    [
-        ("placement_planner", "placement_planner_ros.core", signal.SIGINT),
-        ("placement_planner", "numba", signal.SIGTERM),
-        ("placement_demo", "numba", signal.SIGINT),
-    ],
+    [("placement_planner", "numba", signal.SIGTERM), ("placement_demo", "numba", signal.SIGINT)],
 )
 def test_a_signal_that_comes_while_modules_are_loaded_ends_it(program, module, number):
     ended = run(LOADING, module, str(int(number)), program)
@@ -119,7 +112,7 @@ def test_a_signal_that_comes_while_modules_are_loaded_ends_it(program, module, n
 
 @pytest.mark.parametrize(
     ("stage", "number"),
-    [("reading", signal.SIGTERM), ("warming", signal.SIGINT), ("preparing", signal.SIGTERM)],
+    [("reading", signal.SIGTERM), ("preparing", signal.SIGINT)],
 )
 def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
     ended = run(
@@ -165,12 +158,3 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
         wait(lambda: not others(), 20.0)  # less than what they were at takes
     finally:
         node.kill()
-
-
-def test_a_crash_in_compiled_code_says_what_each_thread_did():
-    parameters = str(share_path("config", "small_crayons_box.yaml"))
-    ended = run(WORKING, "searching", str(int(signal.SIGSEGV)), parameters)
-    assert ended.returncode == -signal.SIGSEGV
-    assert "Segmentation fault" in ended.stderr
-    assert "worker.py" in ended.stderr  # the thread that met it, and
-    assert "spinning.py" in ended.stderr  # another

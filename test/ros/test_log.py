@@ -1,16 +1,13 @@
 """What is said: each event, at most a line a second of what repeats, each traceback once."""
 
 import itertools
-import threading
 import time
 
 import pytest
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.ros import node as node_module
-from placement_planner_ros.ros.log import PAUSE_S, Log
+from placement_planner_ros.ros.log import Log
 
 
 class Lines:
@@ -32,48 +29,6 @@ class Lines:
     @property
     def words(self):
         return [words for _, words in self.said]
-
-
-@pytest.fixture
-def lines():
-    return Lines()
-
-
-@pytest.fixture
-def log(lines):
-    return Log(lines, lambda: lines.now)
-
-
-def fail(number=0):
-    raise ZeroDivisionError(str(number))
-
-
-def fault(log, act=fail, *args):
-    try:
-        act(*args)
-    except ZeroDivisionError as error:
-        log.fault("a request met a fault", error)
-
-
-def test_what_repeats_is_said_once_however_long_it_goes_on(log, lines):
-    for tick in range(36_000):
-        lines.now = tick / 10
-        log.repeats("cloud refused", "no frame")
-    assert lines.words == ["cloud refused: no frame"]
-
-
-def test_a_traceback_is_said_once(log, lines):
-    for tick in range(100):
-        lines.now = tick / 10
-        fault(log, fail, tick)
-    traces = [words for words in lines.words if "Traceback" in words]
-    assert len(traces) == 1
-    assert "ZeroDivisionError: 0" in traces[0]
-    assert lines.words[1:] == ["a request met a fault: as before: ZeroDivisionError"]
-    lines.now += 2 * PAUSE_S
-    fault(log, fail, 100)
-    assert "Traceback" not in lines.words[-1]
-    assert "as before: ZeroDivisionError" in lines.words[-1]
 
 
 @pytest.fixture
@@ -133,27 +88,3 @@ def test_warming_up_that_fails_is_said_and_a_start_compiles_as_it_goes(told, mon
     b.wait(lambda: b.planners)
     b.wait(lambda: b.status()["state"] == "searching")
     assert b.status()["warm"] == "failed"
-
-
-def test_without_a_robot_to_warm_up_with_it_is_done_once_there_is_one(told, monkeypatch):
-    b, lines = told(warm=False)
-    wanted = []
-
-    def warm_up(robot, arms, q):
-        wanted.append(robot)
-        if len(wanted) == 1:
-            raise RobotError("arms", "left", "does not fit")
-
-    monkeypatch.setattr(node_module, "warm_up", warm_up)
-    warming = threading.Thread(target=b.node.warm_up)
-    warming.start()
-    b.wait(lambda: b.status()["warm"] == "failed")
-    assert "does not fit" in b.status()["warm_failed_reason"]
-    assert b.node.set_parameters([Parameter("left.touch_links", value=["yumi_link_7_l"])])[
-        0
-    ].successful
-    b.wait(lambda: b.status()["warm"] == "true")
-    warming.join(60.0)
-    assert not warming.is_alive()
-    assert len(wanted) == 2
-    assert any("no search is possible yet" in words for words in lines.words)

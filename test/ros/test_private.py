@@ -11,8 +11,6 @@ from placement_planner_ros.ros.parameters.server import ParameterNode
 
 ROS = Path(placement_planner_ros.__file__).parent / "ros"
 FILES = sorted(ROS.rglob("*.py"))
-ALLOWED = {"_exit", "_replace"}
-"""Of the standard library, and documented."""
 
 
 def is_private(name):
@@ -39,25 +37,6 @@ def own_attributes(tree, base):
             isinstance(each, ast.Name) and each.id == base for each in node.bases
         ):
             yield node.name, defined(node)
-
-
-def test_no_private_name_of_another_is_used():
-    for file in FILES:
-        assert_uses_none(file, ast.parse(file.read_text(encoding="utf-8")))
-
-
-def assert_uses_none(file, tree):
-    mine = defined(tree) | ALLOWED
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and is_private(node.attr):
-            own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
-            assert own or node.attr in mine, f"{file.name}:{node.lineno} {node.attr}"
-        if isinstance(node, ast.Import):
-            parts = [part for alias in node.names for part in alias.name.split(".")]
-            assert not any(map(is_private, parts)), f"{file.name}:{node.lineno}"
-        if isinstance(node, ast.ImportFrom):
-            parts = [*node.module.split("."), *(alias.name for alias in node.names)]
-            assert not any(map(is_private, parts)), f"{file.name}:{node.lineno}"
 
 
 def test_what_is_derived_from_rclpy_overwrites_nothing_private(ros):

@@ -8,8 +8,6 @@ import pytest
 import trimesh
 from geometry_msgs.msg import Point
 from helpers.fakes import TABLE
-from helpers.scans import bowl as scanned_bowl
-from helpers.scans import finer, noisy
 from rclpy.parameter import Parameter
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
@@ -17,7 +15,6 @@ from std_msgs.msg import String
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
@@ -99,50 +96,6 @@ def test_a_new_robot_is_waited_for_and_the_old_one_is_not_used(bench, slow):
     assert b.snapshots[-1].robot.name == "other"
 
 
-def test_how_far_covers_are_is_told_until_they_are_made(bench, monkeypatch, tmp_path):
-    radius = 0.03 + 0.001 * np.random.default_rng().random()  # that none is kept of
-    ring = tmp_path / "ring.stl"
-    trimesh.creation.annulus(radius, 0.05, 0.02).export(ring)
-    gate, cover = threading.Event(), MeshProcess.cover
-
-    def held(*given):
-        gate.wait(60.0)
-        return cover(*given)
-
-    monkeypatch.setattr(MeshProcess, "cover", held)
-    b = bench(package_paths=[str(tmp_path)], **PAIRS)
-    described = b.client.create_publisher(String, "robot_description", LATCHED)
-    link = f"""<link name="ring"><collision><geometry><mesh filename="file://{ring}"/></geometry>
-        </collision></link><joint name="ring" type="fixed"><origin xyz="0 0 3"/>
-        <parent link="yumi_body"/><child link="ring"/></joint></robot>"""
-    described.publish(String(data=YUMI.replace("</robot>", link)))
-    b.wait(lambda: "(link ring)" in b.status().get("robot_progress", ""))
-    assert b.status()["robot"] == "reading"
-    gate.set()
-    b.wait(lambda: b.status()["robot"] == "ready")
-    assert "robot_progress" not in b.status()
-
-
-def test_start_answers_while_a_scan_of_200_000_triangles_is_read(bench, tmp_path):
-    bowl = finer(scanned_bowl(), 200_000)
-    bowl.apply_scale(0.3)
-    file = tmp_path / "bowl.stl"
-    noisy(bowl, 1e-4, np.random.default_rng()).export(file)  # that nothing is kept of it
-    b = bench(file_roots=[str(tmp_path)], **PAIRS)
-    b.feed()
-    b.wait(lambda: b.status()["robot"] == "ready")
-    answers, told = [], []
-
-    def ready():
-        answers.append(code(b, object__mesh=str(file)))
-        told.append(b.status().get("object_progress", ""))
-        return answers[-1] != "NOT_READY"
-
-    b.wait(ready, timeout=600.0)
-    assert (answers[0], answers[-1]) == ("NOT_READY", "OK")
-    assert any("(200," in words for words in told)
-
-
 def test_a_cloud_that_came_while_the_robot_was_bad_waits_for_a_good_one(bench):
     b = bench(**PAIRS)
     b.feed()
@@ -180,18 +133,6 @@ def test_a_robot_that_cannot_be_read_is_bad_until_a_good_one_comes(bench, monkey
     described.publish(String(data=YUMI))
     b.wait(lambda: b.status()["robot"] == "ready")
     b.wait(lambda: code(b) == "OK", again=b.cloud)
-
-
-def test_a_robot_that_cannot_move_is_no_fault(bench):
-    b = bench()
-    b.feed()
-    described = b.client.create_publisher(String, "robot_description", LATCHED)
-    described.publish(String(data='<robot name="still"><link name="yumi_body"/></robot>'))
-    robots = b.node._inputs.robot
-    b.wait(lambda: robots.state == "ready" and not robots.robot.joint_names)
-    b.wait(lambda: code(b) == "BAD_PARAMETER", again=b.cloud)
-    answer = b.call("start")
-    assert "tip_frame" in answer.text
 
 
 def test_the_object_of_one_call_is_read_by_that_call(bench, slow, tmp_path):

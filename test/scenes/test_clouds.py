@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,
-    DepthCamera,
     camera_clouds,
     complete_cloud,
 )
-from placement_planner_ros.scenes.primitives import box, frustum
+from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 
 GREY = (0.5, 0.5, 0.5)
@@ -76,12 +74,6 @@ def test_holds_corners_and_edges_exactly() -> None:
     assert sorted(np.round(edge[:, 0], 9)) == [-0.05, -0.025, 0, 0.025, 0.05]
 
 
-@pytest.mark.parametrize("spacing", [0.0, -1.0, np.nan])
-def test_refuses_a_spacing_that_is_none(spacing: float) -> None:
-    with pytest.raises(ParameterError, match="spacing"):
-        complete_cloud(block_on_ground(), spacing)
-
-
 def test_cameras_see_surfaces_and_only_in_front(scene: Scene) -> None:
     for cloud in camera_clouds(scene, np.random.default_rng(0), noise=EXACT):
         points = cloud.world_points()
@@ -108,32 +100,3 @@ def test_clouds_are_organised_with_nan_where_nothing_is() -> None:
         np.testing.assert_allclose(x[v, u] / z[v, u] * f + 319.5, u, atol=1e-2)
         np.testing.assert_allclose(y[v, u] / z[v, u] * f + 239.5, v, atol=1e-2)
         assert (z[v, u] > 0).all()
-
-
-def test_range_noise_is_two_millimetres_along_the_ray() -> None:
-    scene = block_on_ground()
-    camera = DepthCamera.looking_at("camera", (0.3, 0.0, 0.6), (0, 0, 0))
-    noisy, exact = (
-        camera_clouds(scene, np.random.default_rng(1), cameras=[camera], noise=noise)[0]
-        for noise in (CameraNoise(flying_share=0.0), EXACT)
-    )
-    seen = np.isfinite(exact.points[..., 2])
-    difference = (noisy.points - exact.points)[seen].astype(float)
-    rays = exact.points[seen] / np.linalg.norm(exact.points[seen], axis=1, keepdims=True)
-    along = (difference * rays).sum(axis=1)
-    assert np.abs(difference - along[:, None] * rays).max() < 1e-5
-    assert along.std() == pytest.approx(0.002, rel=0.02)
-    assert abs(along.mean()) < 5e-5
-
-
-def test_what_is_in_view_hides_what_is_behind() -> None:
-    scene = block_on_ground()
-    camera = DepthCamera.looking_at("camera", (0.0, -0.01, 1.0), (0, 0, 0))
-    plate = frustum("plate", (0.2, 0.2), (0.5, 0.51), GREY)
-    for extra in ((), (plate,)):
-        (cloud,) = camera_clouds(
-            scene, np.random.default_rng(0), cameras=[camera], extra=extra, noise=EXACT
-        )
-        points = cloud.world_points()
-        assert (np.abs(points[:, 2] - 0.1) < 1e-5).any() != bool(extra)
-        assert (np.abs(points[:, 2] - 0.51) < 1e-5).any() == bool(extra)

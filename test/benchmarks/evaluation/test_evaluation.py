@@ -4,37 +4,29 @@ from __future__ import annotations
 
 import itertools
 import json
-import operator
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from helpers.problems import problem_of
 
-from benchmarks import record as recording
 from benchmarks.__main__ import main
 from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner
 from benchmarks.cases import Case
 from benchmarks.evaluation.comparisons import (
     compare,
-    solved_in_every_run,
 )
 from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.relative import Scale, area_under_curve, values_at
 from benchmarks.evaluation.resampling import mean_interval
 from benchmarks.evaluation.results import EvaluationResults
-from benchmarks.jobs import run_jobs
 from benchmarks.json_lines import append_line, read_lines
 from benchmarks.record import (
-    RUNS_FILE,
     RecordedRun,
     RecordedSolution,
     Trial,
-    describe_run,
-    run_trial,
     trial_entry,
 )
-from benchmarks.spread import spread
 from benchmarks.yardstick.exhaustive_search import YardstickJob, measure_yardstick
 from placement_planner_ros.core.errors import ParameterError
 
@@ -92,32 +84,12 @@ def test_the_area_under_the_curve_is_the_mean_over_time():
     assert area_under_curve(STEPS, 4.0) == pytest.approx(values_at(fine, STEPS).mean(), abs=1e-3)
 
 
-def test_bootstrap_of_two_runs_has_the_spread_of_drawing_two_of_two():
-    """Of the values 0 and 1, means are 0, 1/2 and 1 with chances 1/4, 1/2, 1/4."""
-    found = mean_interval([[0.0, 1.0]], np.random.default_rng(0), draws=20_000)
-    assert (found.mean, found.low, found.high) == (0.5, 0.0, 1.0)
-    middle = mean_interval([[0.0, 1.0]], np.random.default_rng(0), level=0.4, draws=20_000)
-    assert (middle.low, middle.high) == (0.5, 0.5)
-
-
 def test_bootstrap_counts_cases_alike_and_draws_within_them():
     """The mean of the groups' means, (1 + 5) / 2; no draw mixes the groups."""
     found = mean_interval([[1.0, 1.0, 1.0, 1.0], [5.0, 5.0]], np.random.default_rng(0))
     assert (found.mean, found.low, found.high) == (3.0, 3.0, 3.0)
     curves = mean_interval([[[0.0, 2.0]], [[2.0, 4.0]]], np.random.default_rng(0))
     np.testing.assert_array_equal(curves.mean, [1.0, 3.0])
-
-
-def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
-    results = some_results()
-    assert results.scales[TABLE] == Scale(0.4, 0.0)
-    assert results.scales[CABINET] == Scale(-0.3, -0.5)
-    assert results.variants == ("optimistic+lo", "uniform+lo", "baseline")
-    assert results.cases == (TABLE, CABINET)
-    assert results.best_run(CABINET)["variant"] == "optimistic+lo"
-    assert [record["variant"] for record in results.failed()] == ["uniform+lo"]
-    assert solved_in_every_run(results, "optimistic+lo") == 2
-    assert solved_in_every_run(results, "uniform+lo") == 1
 
 
 def test_differences_are_paired_by_seed_and_pooled_over_cases():
@@ -145,41 +117,6 @@ def test_a_torn_last_line_is_cut_off_and_any_other_damage_told(tmp_path):
     with pytest.raises(json.JSONDecodeError):
         read_lines(path)
     assert read_lines(tmp_path / "none.jsonl") == []
-
-
-def run_here(run, trials, folder, said):
-    return run_jobs(run, trials, folder / RUNS_FILE, describe_run, tell=said.append)
-
-
-def test_runs_resume_where_they_were_cut(tmp_path):
-    trials = preset_trials(PRESETS["smoke"])
-    ran, said = [], []
-
-    def run(wanted):
-        ran.append(wanted.key)
-        return recorded(wanted.case, wanted.variant, wanted.seed, [0.1], wanted.time_limit)
-
-    run_here(run, trials[:4], tmp_path, said)
-    with (tmp_path / "runs.jsonl").open("a") as file:
-        file.write('{"case": {"sce')
-    run_here(run, trials, tmp_path, said)
-    assert ran == [wanted.key for wanted in trials]
-    assert [r["key"] for r in read_lines(tmp_path / "runs.jsonl")] == ran
-    assert f"4 of {len(trials)} runs are recorded" in said[5]
-    assert "left]" in said[-1]
-
-
-def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
-    def broken(inputs, objective):
-        raise RuntimeError("the cloud caught fire")
-
-    monkeypatch.setattr(recording, "build_problem", broken)
-    said = []
-    run_here(run_trial, [Trial(TABLE, "optimistic+lo", 3, 1.0)], tmp_path, said)
-    (record,) = read_lines(tmp_path / "runs.jsonl")
-    assert "FAILED: RuntimeError: the cloud caught fire" in said[-1]
-    assert "the cloud caught fire" in record["failure"]
-    assert (record["seed"], record["solutions"]) == (3, [])
 
 
 def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys, monkeypatch):
@@ -246,7 +183,3 @@ def test_the_yardstick_is_better_than_random_and_says_what_may_be_left():
     assert record["best"] > 0.39 > record["random"]
     assert record["most"] >= record["best"]
     assert record["complete"] == (record["most"] <= record["best"] * 1.02)
-
-
-def test_jobs_spread_over_processes():
-    assert sorted(spread(operator.neg, [1, 2, 3], 2)) == [(1, -1), (2, -2), (3, -3)]

@@ -10,7 +10,6 @@ from benchmarks.robots.agreement import (
     clutter_around,
     compare_answers,
 )
-from benchmarks.robots.triangles import Boxes, TriangleRobot, components, winding_number
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -98,95 +97,6 @@ def planner(files):
     """The arm, all joints at zero."""
     robot = Robot.from_urdf(files.urdf, files.package_dirs)
     return MovingArm(robot, robot.arm("arm", "tip"), np.zeros(4))
-
-
-def test_components_are_told_apart_and_closed_ones_from_sheets():
-    apart = trimesh.util.concatenate([ell(), sheet().apply_translation((1.0, 0.0, 0.0))])
-    soup = apart.vertices[apart.faces].reshape(-1, 3)  # as an STL has it
-    closed, opened = sorted(
-        components(soup, np.arange(len(soup)).reshape(-1, 3)), key=lambda c: not c.closed
-    )
-    assert (closed.closed, opened.closed) == (True, False)
-    assert (len(closed.corners), len(opened.corners)) == (len(ell().faces), 4)
-    assert closed.encloses(np.array([0.03, 0.2, 0.03]))
-    assert not closed.encloses(np.array([0.1, 0.1, 0.03]))  # beside the inner corner
-    assert not opened.encloses(np.array([1.1, 0.07, 0.02]))
-
-
-@pytest.mark.parametrize("mesh", [ell(), tube()], ids=["L", "tube"])
-def test_winding_numbers_are_those_of_the_solid(mesh):
-    rng = np.random.default_rng(0)
-    low, high = mesh.bounds
-    for point in rng.uniform(low, high, (200, 3)):
-        if mesh.body_count == 1 and mesh.faces.shape[0] < 100:
-            inside = point[0] < 0.06 or point[1] < 0.06
-        else:
-            inside = 0.026 < np.hypot(*point[:2]) < 0.03
-            if abs(np.hypot(*point[:2]) - 0.028) > 0.0015:
-                continue  # the walls are of 24 flat pieces
-        assert abs(winding_number(mesh.vertices[mesh.faces], point)) == pytest.approx(
-            float(inside), abs=1e-6
-        )
-
-
-def brute_force(judge, lower, upper):
-    """Least distance of points on the triangles, and in the solids, from boxes."""
-    rng, best = np.random.default_rng(0), np.inf
-    for i, thing in enumerate(judge.things):
-        for part in thing.components:
-            weights = rng.dirichlet(np.ones(3), (len(part.corners), 150))
-            points = np.einsum("tnk,tkd->tnd", weights, part.corners).reshape(-1, 3)
-            T = judge.placement(i)
-            points = points @ T.rotation.T + T.translation
-            away = np.maximum(np.maximum(lower - points[:, None], points[:, None] - upper), 0.0)
-            best = min(best, float(np.linalg.norm(away, axis=2).min()))
-    return best
-
-
-def test_the_judge_is_right_about_boxes(files, planner):
-    arm = planner.arm
-    judge = TriangleRobot(files.urdf, files.package_dirs, arm.joints, ())
-    rng = np.random.default_rng(1)
-    seen = set()
-    for _ in range(60):
-        judge.place(dict(zip(arm.joints, rng.uniform(-2.5, 2.5, 4), strict=True)))
-        middle = rng.normal((0.0, 0.0, 0.4), 0.3, (3, 3))
-        lower, upper = middle - 0.02, middle + 0.02
-        about = brute_force(judge, lower, upper)
-        assert judge.near_boxes(Boxes(lower, upper), about + 1e-6)
-        if about > 0.02:  # so that the samples are dense enough, and no box lies inside
-            assert not judge.near_boxes(Boxes(lower, upper), about - 0.012)
-        seen.add(about > 0.02)
-    assert seen == {True, False}
-
-
-def test_links_within_links_meet(tmp_path):
-    small, large = tmp_path / "small.stl", tmp_path / "large.stl"
-    trimesh.creation.box((0.02, 0.02, 0.02)).export(small)
-    trimesh.creation.box((0.2, 0.2, 0.2)).export(large)
-    slides = {"xyz": "0 0 0", "axis": "1 0 0", "kind": "prismatic"}
-    urdf = "".join(
-        [
-            '<robot name="nested"><link name="base"/>',
-            MESH.format(name="outer", file=large, xyz="0 0 0", scale="1 1 1"),
-            MESH.format(name="inner", file=small, xyz="0 0 0", scale="1 1 1"),
-            JOINT.format(n=1, parent="base", child="outer", **slides),
-            JOINT.format(n=2, parent="outer", child="inner", **slides),
-            "</robot>",
-        ]
-    )
-    pairs = [frozenset({"outer", "inner"})]
-    judge = TriangleRobot(urdf, (), ("j1", "j2"), pairs)
-    for x, meets in ((0.0, True), (0.1, True), (0.111, False)):
-        judge.place({"j1": 0.3, "j2": x})
-        assert bool(judge.near_itself(0.0)) is meets
-        assert judge.near_itself(0.002)
-    judge.place({"j1": 0.3, "j2": 0.113})
-    assert not judge.near_itself(0.002)
-    # A box that is wholly inside of a link, and one beside it.
-    at = np.array([[0.35, 0.0, 0.0]])
-    assert judge.near_boxes(Boxes(at - 0.001, at + 0.001), 0.0)
-    assert not judge.near_boxes(Boxes(at + 0.2, at + 0.21), 0.003)
 
 
 def test_the_planner_agrees_with_the_triangles(files, planner):

@@ -1,22 +1,18 @@
 """`python -m benchmarks robots` on a robot written here, and the table it writes."""
 
 import json
-import re
 
 import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
 from benchmarks.robots.command import RAW_FILE, robots_table
-from benchmarks.robots.measures import problem_of
 from benchmarks.robots.subject import read_measured_robot
 from benchmarks.robots.things import (
     CLOUDS,
     OBJECTS,
-    boxes_at_start,
     object_of,
     observe,
-    outside_boxes,
     table_of,
 )
 from placement_planner_ros.core.errors import ParameterError
@@ -61,19 +57,6 @@ def test_what_a_file_gives_is_read(given):
     file.write_text(FILE.replace("package://placement_planner_ros/urdf/yumi.urdf", "package://a/b"))
     with pytest.raises(ParameterError, match="robot_description"):
         read_measured_robot(file, [packages])
-
-
-def test_packages_are_found_where_the_file_says_and_above_the_urdf(given):
-    file, packages = given
-    file.write_text(FILE.replace("    arms:", f"    package_paths: [{packages}]\n    arms:"))
-    assert packages in read_measured_robot(file).package_dirs
-    own = packages.parent / "own"
-    (own / "robot").mkdir(parents=True)
-    (own / "placement_planner_ros").symlink_to(share_path("urdf").parent)
-    urdf = own / "robot" / "yumi.urdf"
-    urdf.write_text(share_path("urdf/yumi.urdf").read_text())
-    file.write_text(re.sub(r"robot_description: \S+", f"robot_description: {urdf}", FILE))
-    assert own in read_measured_robot(file, [packages]).package_dirs
 
 
 def test_rows_are_measured_and_written(given, tmp_path, capsys):
@@ -135,46 +118,3 @@ def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
     inside = subject.volume.contains(points)
     assert inside.sum() > 1000
     assert points[inside, 2].max() > subject.volume.lower[2] + 0.08
-
-
-def test_nothing_stands_where_the_robot_and_its_object_are_at_the_start(given):
-    subject = read_measured_robot(given[0], [given[1]])
-    middle = (subject.volume.lower + subject.volume.upper) / 2
-    half = np.array([0.08, 0.08, 0.5])
-    held = (np.array([middle - half, middle + half]),)
-    inside = []
-    for keep_clear in (None, np.array(held)):
-        for seed in range(8):
-            scene = table_of(subject.volume, np.random.default_rng(seed), keep_clear)
-            places = np.array([part.vertices.mean(axis=0) for part in scene.parts[1:]])
-            inside.append((np.abs(places - middle)[:, :2] < half[:2] + 0.05).all(axis=1).any())
-    assert any(inside[:8])
-    assert not any(inside[8:])
-
-
-def test_boxes_at_the_start_hold_links_and_object(given):
-    subject = read_measured_robot(given[0], [given[1]])
-    boxes = boxes_at_start(subject)
-    arm = subject.arms[0]
-    shapes = len(subject.robot.geometry.geometryObjects)
-    assert boxes.shape == (shapes + len(arm.grasps), 2, 3)
-    tip = subject.robot.link_pose(subject.q_start, arm.tip_frame)
-    held = [(tip * grasp).act(vertex) for grasp in arm.grasps for vertex in subject.vertices]
-    assert np.allclose(boxes[shapes:, 1].max(axis=0), np.max(held, axis=0))
-    assert np.allclose(boxes[shapes:, 0].min(axis=0), np.min(held, axis=0))
-
-
-def test_what_the_camera_does_not_see_is_occupied_but_not_where_the_robot_starts(given):
-    subject = read_measured_robot(given[0], [given[1]])
-    scene = table_of(subject.volume, np.random.default_rng(0), boxes_at_start(subject))
-    seen = observe(scene, CLOUDS[1], np.random.default_rng(0))
-    environment = problem_of(subject, OBJECTS[0], seen)[0].environment
-    assert len(environment.obstacles.cells) > len(environment.measured.cells) + 100
-    middles = (environment.obstacles.lower + environment.obstacles.upper) / 2
-    assert outside_boxes(boxes_at_start(subject), middles, 0.0).all()
-
-
-def test_points_outside_all_boxes_are_told():
-    boxes = np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [[2.0, 0.0, 0.0], [3.0, 1.0, 1.0]]])
-    points = np.array([[0.5, 0.5, 0.5], [1.05, 0.5, 0.5], [1.2, 0.5, 0.5], [2.5, 0.5, 1.2]])
-    assert outside_boxes(boxes, points, 0.1).tolist() == [False, False, True, True]

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from checker import Task, Tolerances, check_stance
 from checker.shapes import convex
-from helpers.impossible import pose_that_stands
 
 from benchmarks.__main__ import main
 from benchmarks.household import object_by_name
 from benchmarks.json_lines import append_line, read_lines
 from benchmarks.situations.catalogue import all_situations
-from benchmarks.situations.observing import camera_of, observe, pixels
+from benchmarks.situations.observing import observe
 from benchmarks.situations.report import situations_report
 from benchmarks.situations.runs import RUNS_FILE, outcome
 
@@ -61,36 +60,6 @@ def test_witnesses_stand_and_keep_the_margin(name):
             assert near >= MARGIN  # it does not carry
 
 
-SMALLER = [
-    "slot_too_narrow", "bin_too_small", "tray_over_opening", "box_on_rim", "shelf_too_low_for_box",
-    "shelf_too_low_for_glass", "small_pedestal", "inner_bridge", "plank_too_narrow",
-    "glass_on_small_can", "box_on_bottle", "bowl_on_ledge", "on_step", "square_too_small",
-    "toy_table_over_high_can",
-]  # fmt: skip
-LARGER = [
-    "box_in_slot", "box_across_bin", "tray_on_rim", "box_in_shelf", "glass_in_shelf",
-    "box_on_pedestal", "box_on_bridge", "plank", "glass_on_can", "beside_step", "two_squares",
-    "toy_table_over_can",
-]  # fmt: skip
-GRATINGS = ["toy_table_on_grating_15", "toy_table_on_grating_20", "glass_on_grating"]
-
-
-@pytest.mark.parametrize("name", SMALLER + LARGER)
-def test_a_search_by_geometry_alone_finds_the_same(name):
-    found = pose_that_stands(DRAWN[name], np.random.default_rng(0))
-    assert (found is not None) == DRAWN[name].pose_exists
-
-
-@pytest.mark.parametrize("name", GRATINGS)
-def test_on_gratings_the_margin_at_edges_leaves_nothing(name):
-    rng = np.random.default_rng(0)
-    assert not DRAWN[name].pose_exists
-    assert pose_that_stands(DRAWN[name], rng, edge=0.0026) is None
-    bars = [part for part in DRAWN[name].scene.parts if part.name.startswith("rack/bar")]
-    assert len(bars) > 8
-    assert np.ptp(bars[0].vertices[:, 0]) == pytest.approx(0.005)
-
-
 def test_one_camera_sees_what_it_is_said_to_see():
     screened = DRAWN["behind_screen"]
     assert screened.possible("complete")
@@ -101,22 +70,6 @@ def test_one_camera_sees_what_it_is_said_to_see():
         inside = ((points > low) & (points < high)).all(axis=1)
         # a flying pixel may be anywhere
         assert (inside.sum() > 500) == there
-
-
-def test_the_camera_has_noise_flying_pixels_and_steps_of_depth():
-    situation = DRAWN["level_table"]
-    camera = camera_of(situation)
-    seen = pixels(situation, np.random.default_rng(0))
-    T = camera.T_world_camera.inverse()
-    depth = (seen @ T.rotation.T + T.translation)[:, 2]
-    steps = 1.0 / depth / 0.0025
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
-    height = situation.scene.parts[0].depth(seen)
-    flying = (np.abs(height) > 0.01).mean()
-    assert 0.01 < flying < 0.03
-    left = observe(situation, "camera", np.random.default_rng(0)).points
-    assert (np.abs(situation.scene.parts[0].depth(left)) > 0.01).mean() < 0.2 * flying
-    assert 0.0008 < height[np.abs(height) < 0.01].std() < 0.004
 
 
 @pytest.mark.parametrize(

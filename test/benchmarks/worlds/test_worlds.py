@@ -29,16 +29,6 @@ def test_a_seed_draws_the_same_and_another_one_others(kind):
     assert first.scene.volume.lower.tolist() != other.scene.volume.lower.tolist()
 
 
-def test_what_is_told_and_what_is_true_are_the_same_robot():
-    world = world_of("quaternions")
-    assert "quat_xyzw" in world.urdf
-    told = world.snapshot(0)
-    true = replace(world, urdf=world.true_urdf).snapshot(0)
-    for tip in ("gripper_l_base", "gripper_r_base"):
-        one, other = (each.robot.link_pose(each.q_start, tip) for each in (told, true))
-        assert one.isApprox(other, 1e-9)
-
-
 def test_the_judge_looks_at_the_true_world():
     job = WorldJob("quaternions", 0, 60.0, 1)
     world = KINDS[job.kind](_generator(job))

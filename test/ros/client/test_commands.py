@@ -84,23 +84,3 @@ def test_a_solution_is_handed_out_once_newer_clouds_were_looked_at(fed, planner,
     go_on.set()
     assert placing.result.validity
     assert placing.result.validity.known
-
-
-def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
-    heard = []
-
-    def second(solution):
-        heard.append(solution)
-        return solution.number == 2
-
-    placing = Doing(lambda: planner.place({}, 600.0, until=second))
-    found(fed, 0.25)
-    fed.wait(lambda: heard)
-    fed.wait(lambda: planner.validity(heard[0]))
-    found(fed, 0.5)
-    assert placing.result.number == 2
-    assert "2" in planner.validity(heard[0]).reason
-    fed.cloud(TABLE)
-    fed.call("start")
-    fed.wait(lambda: not planner.validity(placing.result))
-    assert "last run is 2" in planner.validity(placing.result).reason

@@ -32,16 +32,6 @@ def was_stopped(b):
     return b.node._commands.run.state is worker.State.STOPPED
 
 
-def test_withdrawing_before_start_has_answered_stops_the_run(fed, planner, held):
-    placing = Doing(lambda: planner.place({}, 600.0))
-    searching(fed)
-    planner.withdraw()
-    assert not ended(fed)
-    held.set()
-    assert placing.error.code == "WITHDRAWN"
-    assert was_stopped(fed)
-
-
 def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, monkeypatch):
     with PlacementClient() as planner:
         planner.wait_until_ready(600.0)
@@ -89,14 +79,3 @@ def test_closing_stops_the_run(fed):
         searching(fed)
     assert placing.error.code == "WITHDRAWN"
     assert was_stopped(fed)
-
-
-def test_a_run_that_was_begun_on_its_own_goes_on(fed):
-    with PlacementClient() as planner:
-        run = planner.start({}, patience=600.0)
-        searching(fed)
-    assert not ended(fed)
-    found(fed, 0.5)
-    with PlacementClient() as planner:
-        fed.wait(lambda: planner.improvement(run) is not None)
-        assert planner.stop(run).objective == 0.5

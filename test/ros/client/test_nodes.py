@@ -52,18 +52,6 @@ def test_a_node_that_the_caller_spins_will_do(fed, spun):
     assert not [c for c in node.clients if "placement_planner" in c.srv_name]
 
 
-def test_clients_of_one_process_have_nodes_of_their_own_names_and_say_when_they_are_closed(fed):
-    with PlacementClient() as one, PlacementClient() as other:
-        one.wait_until_ready(600.0)
-        other.wait_until_ready(600.0)
-        names = [name for name in fed.node.get_node_names() if name.startswith("placement_client")]
-        assert len(set(names)) == len(names) >= 2
-    for call in (one.place, one.start, one.clear_environment, lambda: one.wait_until_ready(1.0)):
-        with pytest.raises(PlacementError, match="this client is closed") as raised:
-            call()
-        assert raised.value.code == "WITHDRAWN"
-
-
 def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
     node = spun(MultiThreadedExecutor(4))
     with PlacementClient(node) as planner:
@@ -95,12 +83,6 @@ def test_a_node_that_nobody_spins_is_said(fed, monkeypatch):
         node.destroy_node()
 
 
-def test_a_planner_in_a_namespace_is_named(ros):
-    name = "/cell/placement_planner"
-    with PlacementClient(planner=name) as planner, pytest.raises(PlacementError, match=name):
-        planner.place({}, 0.1)
-
-
 @pytest.mark.parametrize("closing", ["", "planner.close(); planner.close()"])
 def test_python_ends_well_whether_a_client_was_closed_or_not(closing):
     lines = (
@@ -115,15 +97,6 @@ def test_python_ends_well_whether_a_client_was_closed_or_not(closing):
     command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "NO_NODE\n", "")
-
-
-def test_nothing_of_the_planner_is_loaded():
-    told = (
-        "import sys, placement_planner_ros.client; "
-        "print([m for m in ('numba', 'pinocchio', 'coal', 'scipy') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.fakes import FRAME
-from helpers.searches import Doing, ended, found, searching, service_of
+from helpers.searches import Doing, ended, found, searching
 
 from placement_planner_ros.client import (
     PlacementClient,
@@ -53,25 +53,6 @@ def test_the_best_is_returned_at_the_deadline(fed, planner, monkeypatch):
     assert ended(fed)
     assert fed.node._commands.run.state == worker.State.STOPPED
     assert heard == sorted(heard)
-
-
-def test_a_run_ends_by_itself_at_the_deadline_where_the_client_is_gone(fed, planner):
-    placing = Doing(lambda: planner.place({}, 17.0, until=lambda s: True))
-    found(fed, 0.5)
-    assert placing.result
-    assert fed.snapshots[0].parameters["time_limit"] == 17.0
-    placing = Doing(lambda: planner.place({}, math.inf, until=lambda s: True))
-    found(fed, 0.5, number=2)
-    assert placing.result.run == 2
-    assert fed.snapshots[1].parameters["time_limit"] == 0.0
-
-
-def test_a_search_that_is_done_is_not_waited_for(fed, planner):
-    placing = Doing(lambda: planner.place({}, math.inf))
-    found(fed, 0.5)
-    fed.planners[0].done.set()
-    assert placing.result.objective == 0.5
-    assert fed.node._commands.run.state == worker.State.EXHAUSTED
 
 
 def test_results_of_other_runs_count_for_nothing(fed, planner):
@@ -130,13 +111,6 @@ def test_somebody_elses_run_is_left_alone(fed, planner):
     assert not ended(fed)
 
 
-def test_a_node_that_is_not_there_is_said(ros):
-    with PlacementClient(planner="nobody") as planner, pytest.raises(PlacementError) as raised:
-        planner.place({}, 0.3)
-    assert raised.value.code == "NO_NODE"
-    assert "/nobody/start_with" in raised.value.words
-
-
 def test_a_node_that_goes_away_is_said(fed, planner):
     placing = Doing(lambda: planner.place({}, math.inf))
     searching(fed)
@@ -150,16 +124,6 @@ def test_a_node_that_goes_away_is_said(fed, planner):
 def test_a_deadline_that_is_no_time_to_come_is_named(planner, deadline):
     with pytest.raises(ValueError, match=f"deadline = {deadline!r}: give seconds"):
         planner.place({}, deadline)
-
-
-def test_another_run_of_another_client_is_said(fed, planner):
-    """One that began before this client had heard that its own had ended."""
-    placing = Doing(lambda: planner.place({}, math.inf))
-    searching(fed)
-    fed.call("stop")
-    fed.call("start")
-    assert placing.error.code in ("WRONG_RUN", "NO_SOLUTION")
-    assert not ended(fed), "the other run is left alone, and not waited for"
 
 
 def later(monkeypatch, seconds):
@@ -218,17 +182,6 @@ def test_a_robot_that_moves_has_planning_begin_again_where_it_rests(fed, planner
     assert fed.snapshots[1].q_start.tolist() != fed.snapshots[0].q_start.tolist()
 
 
-def test_a_run_whose_robot_moved_gives_no_solution(fed, planner):
-    run = planner.start()
-    found(fed, 0.5)
-    fed.sensors.move(0.2)
-    fed.wait(lambda: ended(fed))
-    with pytest.raises(PlacementError) as raised:
-        planner.stop(run)
-    assert (raised.value.code, raised.value.run) == ("ROBOT_MOVED", run)
-    assert "ended because the robot has left q_0: yumi_joint_" in raised.value.words
-
-
 def test_a_start_waits_for_the_worker_of_the_run_before(fed, planner, answers):
     run = planner.start()
     hanging = searching(fed)
@@ -242,19 +195,3 @@ def test_a_start_waits_for_the_worker_of_the_run_before(fed, planner, answers):
     found(fed, 0.5, number=2)
     assert placing.result.run == 2
     assert {each.code for each in answers[1:-1]} == {"STOPPING"}
-
-
-def test_a_worker_that_hangs_leaves_what_it_has_found(fed, planner):
-    placing = Doing(lambda: planner.place({}, 600.0, until=lambda s: True))
-    searching(fed).deaf = True
-    found(fed, 0.5)
-    solution = placing.result
-    assert solution.objective == 0.5
-    assert not ended(fed)
-    service, refused = service_of(fed, "confirm_placed_with"), []
-    respond = service.callback
-    service.callback = lambda *given: refused.append(1) or respond(*given)
-    confirming = Doing(lambda: planner.confirm_placed(solution))
-    fed.wait(lambda: refused)
-    fed.planners[0].done.set()
-    assert confirming.result == solution.run

@@ -1,5 +1,3 @@
-import threading
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,10 +9,8 @@ from placement_planner_ros.ros.inputs import cloud_store
 from placement_planner_ros.ros.inputs.cloud_store import (
     CloudStaleError,
     CloudStore,
-    MergedPoints,
     PointSet,
 )
-from placement_planner_ros.ros.inputs.frames import CloudFrameError
 from placement_planner_ros.ros.inputs.known_surface import PlacedBody
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -66,16 +62,6 @@ def test_latest_replaces_and_merge_accumulates():
     np.testing.assert_array_equal(points_of(snapshot_of(store, "merge", 0.0, 0.0)), B)
 
 
-def test_merged_points_are_thinned():
-    store = CloudStore(["points"])
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        store.merge(rng.uniform(0.0, 0.02, (5000, 3)), 0.01)
-    store.add(cloud("points", B, 0.0))
-    merged = points_of(snapshot_of(store, "merge", 0.0, 0.0))
-    assert 8**3 <= len(merged) <= 8**3 + 2
-
-
 def test_no_more_points_accumulate_than_there_may_be(monkeypatch):
     store = CloudStore(["points"])
     monkeypatch.setattr(cloud_store, "MAX_POINTS", 5)
@@ -101,17 +87,6 @@ def test_old_clouds_are_stale_unless_any_age_will_do():
     assert snapshot_of(store, "latest", 0.0, 1e6)
 
 
-def test_a_refused_cloud_is_a_fault_until_a_good_one_comes():
-    store = CloudStore(["points"])
-    store.add(cloud("points", A, 0.0))
-    error = CloudFrameError("cloud frame_id", "", "publish it")
-    store.refuse("points", error)
-    with pytest.raises(CloudFrameError):
-        snapshot_of(store, "latest", 0.0, 0.0)
-    store.add(cloud("points", B, 0.0))
-    assert snapshot_of(store, "latest", 0.0, 0.0)
-
-
 def test_points_accumulated_in_what_is_removed_go_with_it():
     store = CloudStore(["points"])
     store.add(cloud("points", B, 0.0))
@@ -124,53 +99,3 @@ def test_points_accumulated_in_what_is_removed_go_with_it():
         store.forget(lambda points: cube.holds(points, padding))  # noqa: B023
         left = snapshot_of(store, "merge", 0.0, 0.0)[-1].points
         np.testing.assert_array_equal(left, kept)
-
-
-def test_clouds_without_a_point_are_no_environment():
-    store = CloudStore(["points"])
-    store.add(cloud("points", np.empty((0, 3)), 0.0))
-    with pytest.raises(CloudError, match="no finite point"):
-        snapshot_of(store, "latest", 0.0, 0.0)
-
-
-def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
-    store = CloudStore(["points"])
-    store.add(cloud("points", A, 0.0, np.array([0.0, 0.0, 1.0])))
-    store.merge(A, 0.01)
-    newest, merged = snapshot_of(store, "merge", 0.0, 0.0)
-    assert newest.origin.tolist() == [0.0, 0.0, 1.0]
-    assert merged.origin is None
-
-
-def meanwhile(monkeypatch, act):
-    """Have another thread act while the first points to come are being thinned."""
-    add, waiting = MergedPoints.with_points, [act]
-
-    def adding(*args):
-        if waiting:
-            thread = threading.Thread(target=waiting.pop())
-            thread.start()
-            thread.join(0.5)  # it may have to wait until this merge has ended
-        return add(*args)
-
-    monkeypatch.setattr(MergedPoints, "with_points", adding)
-
-
-def merged(store):
-    store.add(cloud("points", np.zeros((0, 3)), 0.0))
-    return {tuple(p) for p in points_of(snapshot_of(store, "merge", 0.0, 0.0))}
-
-
-def test_clouds_that_are_merged_at_the_same_time_are_all_kept(monkeypatch):
-    store = CloudStore(["points"])
-    meanwhile(monkeypatch, lambda: store.merge(B, 0.01))
-    store.merge(A, 0.01)
-    assert merged(store) == {tuple(p) for p in np.vstack([A, B])}
-
-
-def test_what_was_cleared_during_a_merge_does_not_come_back(monkeypatch):
-    store = CloudStore(["points"])
-    store.merge(B, 0.01)
-    meanwhile(monkeypatch, store.clear)
-    store.merge(A, 0.01)
-    assert merged(store) == {tuple(p) for p in A}

@@ -1,7 +1,6 @@
 """Covers are made in another process; where that does not do, the hull stands in and is told."""
 
 import resource
-import signal
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,
-    cover_in,
-    read_kept,
 )
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import _MeshCovers
@@ -46,18 +43,6 @@ def coarse(robot):
     return bool(told) and "link base" in told[0] and "a simpler mesh" in told[0]
 
 
-def test_where_the_processor_time_is_not_enough_the_hull_is_kept(folder):
-    with MeshProcess() as process:
-        mesh = process.read(folder / "ring.stl")[:2]
-        process._child.send_signal(signal.SIGXCPU)
-        process._child.wait()
-        began = []
-        for _ in range(2):
-            cover = cover_in(process, *mesh, 0.01, lambda: began.append(1), 3.0)
-            assert len(cover.parts) == 1
-        assert began == [1], "it is not tried again each time"
-
-
 def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder):
     with MeshProcess() as process:
         vertices = np.asarray(process.read(folder / "ring.stl")[0])
@@ -67,27 +52,3 @@ def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder)
         assert coarse(read(folder, process))
         process.close()
         assert not coarse(read(folder, process))
-
-
-def test_a_file_of_the_same_content_is_read_once_and_any_other_anew(folder):
-    class Counting(MeshProcess):
-        reads = 0
-
-        def read(self, path):
-            self.reads += 1
-            return super().read(path)
-
-    path, again = folder / "ring.stl", folder / "again.stl"
-    again.write_bytes(path.read_bytes())
-    with Counting() as process:
-        first = read_kept(process, path)
-        for one, other in zip(first, read_kept(process, again), strict=True):
-            assert np.array_equal(one, other)
-            assert one.dtype == other.dtype
-        assert process.reads == 1
-        trimesh.creation.box((0.1, 0.1, 0.1)).export(again)
-        assert len(read_kept(process, again)[1]) == 12
-        (kept, *_) = (folder / "kept" / "results" / "read-meshes").rglob("output.pkl")
-        kept.write_bytes(kept.read_bytes()[:-1])  # damaged
-        read_kept(process, path), read_kept(process, again)
-        assert process.reads == 3

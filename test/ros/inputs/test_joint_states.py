@@ -52,14 +52,6 @@ def test_one_old_joint_makes_the_state_stale(yumi):
     assert "yumi_joint_4_r" not in str(error.value)
 
 
-def test_a_changing_position_is_motion(yumi):
-    joints = JointStates()
-    full(joints, 9.8)
-    full(joints, 9.9, yumi_joint_1_l=0.05)
-    with pytest.raises(RobotMovingError, match="yumi_joint_1_l"):
-        resting(joints, yumi)
-
-
 def test_a_joint_that_moved_long_ago_is_at_rest(yumi):
     joints = JointStates()
     full(joints, 9.0)
@@ -92,57 +84,10 @@ def test_what_is_wrong_with_one_joint_keeps_no_other_from_being_taken(yumi):
     assert "yumi_joint_2_l" not in str(error.value)
 
 
-def test_only_joints_that_matter_need_rest_and_only_needed_ones_are_waited_for(yumi):
-    joints, moving = JointStates(), "yumi_joint_3_r"
-    others = [name for name in HOME if name not in (moving, "gripper_l_joint")]
-    for now, value in ((9.7, 0.0), (9.8, 0.1), (9.9, 0.2)):
-        joints.update([*others, moving], [*(HOME[n] for n in others), value], now)
-    left = [name for name in HOME if name.endswith("_l")]
-    asked = {"now": 10.0, "timeout": 1.0, "rest_speed": REST_SPEED}
-    q = joints.resting(yumi, left, {"gripper_l_joint": 0.01}, **asked)
-    assert q[yumi.index(moving)] == 0.2
-    assert q[yumi.index("gripper_l_joint")] == 0.01
-    assert joints.moving(others, REST_SPEED) == []
-    with pytest.raises(RobotMovingError, match=moving):
-        joints.resting(yumi, [*left, moving], {"gripper_l_joint": 0.01}, **asked)
-    with pytest.raises(JointStateError, match=r"gripper_l_joint.*assumed_joints"):
-        joints.resting(yumi, left, {}, **asked)
-
-
 def test_what_is_assumed_of_a_joint_holds_until_somebody_publishes_it():
     joints = JointStates()
     joints.update(["a"], [0.2], 1.0)
     assert at(joints, ["a", "b"], None, 1.0, 1.0, a=0.7, b=0.5) == {"a": 0.2, "b": 0.5}
-
-
-def test_what_comes_late_is_not_the_newest():
-    joints = JointStates()
-    for now, stamp, value in ((1.0, 50.0, 0.0), (1.1, 50.1, 0.1), (1.15, 50.05, 0.9)):
-        joints.update(["a"], [value], now, stamp)
-    assert joints.positions() == {"a": 0.1}
-    assert joints.age(1.2) == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize("back", [0.5, 2.0, 1000.0])
-def test_a_clock_that_is_set_back_begins_a_new_history(back):
-    """As a recording does that is played in a loop, with its clock or without."""
-    joints = JointStates()
-    for i in range(400):
-        now = i * 0.01
-        stamp = 5000.0 + now - (back if i >= 200 else 0.0)
-        joints.update(["a"], [0.1 * i], now, stamp)
-        assert joints.age(now) < 0.35
-    assert joints.positions() == {"a": 0.1 * 399}
-    assert joints.moving(["a"], REST_SPEED) == ["a"]
-
-
-def test_one_stamp_from_the_future_is_forgotten():
-    joints = JointStates()
-    joints.update(["a"], [7.0], 0.0, 1e9)
-    for i in range(100):
-        joints.update(["a"], [0.1], i * 0.01, 100.0 + i * 0.01)
-    assert joints.positions() == {"a": 0.1}
-    assert at(joints, ["a"], 100.9, 1.0, 1.0) == {"a": 0.1}
 
 
 def test_where_joints_were_is_told_or_why_not():
@@ -162,14 +107,6 @@ def test_where_joints_were_is_told_or_why_not():
         at(joints, ["a", "b"], 100.9, 2.0, 1.0)
     with pytest.raises(JointsStaleError, match="'b'"):
         at(joints, ["b"], 101.1, 5.0, 1.0)
-
-
-def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
-    joints = JointStates()
-    full(joints, 1.0)
-    joints.keep(["yumi_joint_1_l"])
-    assert list(joints.positions()) == ["yumi_joint_1_l"]
-    assert joints.age(1.0) == 0.0
 
 
 def test_a_joint_without_end_stops_rests_where_its_values_wrap(yumi):

@@ -116,17 +116,6 @@ def test_a_large_floor_is_made_of_points_only_near_the_robot():
     assert surface.within(np.full(3, -0.45), np.full(3, 0.4)).points is points, "made once"
 
 
-def test_what_is_told_again_is_no_change():
-    again = [marker(0, ns="", action=Marker.DELETEALL), marker(Marker.CUBE)]
-    known, _ = told(*again)
-    changes, (surface,) = known.changes, known.surfaces(lambda frame: pin.SE3.Identity())
-    known.take(MarkerArray(markers=again))
-    assert known.changes == changes
-    assert known.surfaces(lambda frame: pin.SE3.Identity())[0] is surface
-    known.take(MarkerArray(markers=[marker(Marker.CUBE, at=(0.0, 0.0, 0.1))]))
-    assert known.changes > changes
-
-
 def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
     known, _ = told(marker(Marker.CUBE, (0.2, 0.2, 0.2)))
     cube = trimesh.creation.box((0.1, 0.1, 0.1))

@@ -30,14 +30,3 @@ def test_no_place_on_its_surface_is_far_from_all_points_and_they_are_not_too_man
     corners = mesh.vertices @ T.rotation.T + T.translation
     np.testing.assert_allclose(points.min(axis=0), corners.min(axis=0), atol=2e-5)
     np.testing.assert_allclose(points.max(axis=0), corners.max(axis=0), atol=2e-5)
-
-
-def test_of_triangles_of_any_shape_none_has_a_gap():
-    rng = np.random.default_rng(0)
-    for _ in range(60):
-        size = 10.0 ** rng.uniform(-2.5, -0.3, size=3)
-        corners = rng.normal(size=(3, 3)) * size
-        points = surface_points(corners[None])
-        shares = rng.dirichlet([1.0, 1.0, 1.0], 2000)
-        far, _ = cKDTree(points).query(shares @ corners)
-        assert far.max() < SPACING_M

@@ -8,28 +8,13 @@ import signal
 import struct
 import zipfile
 
-import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
-POINTS = " ".join(map(str, BOX.vertices.ravel()))
-DAE = f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
-version="1.4.1"><asset/><library_geometries><geometry id="g"><mesh><source id="s">
-<float_array id="f" count="24">{POINTS}</float_array><technique_common><accessor source="#f"
-count="8" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
-<param name="Z" type="float"/></accessor></technique_common></source><vertices id="v">
-<input semantic="POSITION" source="#s"/></vertices><triangles count="12"><input offset="0"
-semantic="VERTEX" source="#v"/><p>{" ".join(map(str, BOX.faces.ravel()))}</p></triangles></mesh>
-</geometry></library_geometries><library_visual_scenes><visual_scene id="w"><node>
-<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
-<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 
 
 def archive(**members):
@@ -38,20 +23,6 @@ def archive(**members):
         for name, data in members.items():
             file.writestr(name.replace("__", "."), data)
     return out.getvalue()
-
-
-def whole():
-    """A small file of each format."""
-    return {
-        "ascii.stl": BOX.export(file_type="stl_ascii").encode(),
-        "binary.stl": BOX.export(file_type="stl"),
-        "a.obj": BOX.export(file_type="obj").encode(),
-        "ascii.ply": BOX.export(file_type="ply", encoding="ascii"),
-        "binary.ply": BOX.export(file_type="ply"),
-        "a.off": BOX.export(file_type="off").encode(),
-        "a.glb": BOX.export(file_type="glb"),
-        "a.dae": DAE.encode(),
-    }
 
 
 def glb(count):
@@ -92,7 +63,7 @@ def bad():
         "entity.dae": b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><COLLADA>&x;</COLLADA>',
         "laughs.dae": b'<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>',
         "a.zip": archive(a__stl=BOX.export(file_type="stl")),
-        "a.zae": archive(a__dae=DAE),
+        "a.zae": archive(a__dae="<COLLADA/>"),
         "a.stl.gz": gzip.compress(BOX.export(file_type="stl")),
         "a.gltf": b"{}",
         "a.xyz": b"0 0 0\n",
@@ -107,33 +78,10 @@ def bad():
     }
 
 
-def changed():
-    """Whole files cut at several places, and with bytes changed."""
-    rng = np.random.default_rng(12)
-    for name, data in whole().items():
-        for part in (0.1, 0.3, 0.5, 0.7, 0.9, 0.99):
-            yield f"cut{part}-{name}", data[: int(part * len(data))]
-        for number in range(16):
-            other = bytearray(data)
-            for place in rng.integers(0, len(data), 1 + number):
-                other[place] = rng.integers(0, 256)
-            yield f"changed{number}-{name}", bytes(other)
-
-
 @pytest.fixture(scope="module")
 def process():
     with MeshProcess() as made:
         yield made
-
-
-@pytest.mark.parametrize("name", list(whole()))
-def test_every_format_is_read(tmp_path, process, name):
-    path = tmp_path / name
-    path.write_bytes(whole()[name])
-    vertices, triangles, _ = process.read(path)
-    assert vertices.shape == (8, 3)
-    assert len(triangles) == 12
-    np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.1, 0.06, 0.04], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", bad())
@@ -143,58 +91,6 @@ def test_what_is_no_mesh_is_refused_in_words(tmp_path, process, name):
     with pytest.raises((ValueError, OSError)) as error:
         process.read(path)
     assert len(str(error.value)) > 10
-
-
-def attempt(read):
-    """What it returns, and in words why it does not."""
-    try:
-        return read(), ""
-    except (ValueError, OSError, ObjectError) as error:
-        return None, str(error)
-
-
-def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
-    read, refused = 0, []
-    for name, data in changed():
-        path = tmp_path / name
-        path.write_bytes(data)
-        mesh, words = attempt(lambda path=path: process.read(path))
-        if mesh is not None:
-            read += 1
-            assert np.isfinite(mesh[0]).all()
-            try:
-                Body.from_mesh(*mesh[:2])
-            except ObjectError:
-                continue
-        else:
-            refused.append(words)
-    assert min(map(len, refused)) > 10
-    assert read + len(refused) == 22 * len(whole())
-    assert read > 10
-    assert len(refused) > 20
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("nan.stl", r"36 of its vertices|vertices are NaN"),
-        ("a.zip", r"\.zip is not read; use \.stl"),
-        ("entity.dae", "an entity"),
-    ],
-)
-def test_the_reason_is_told(tmp_path, process, name, words):
-    path = tmp_path / name
-    path.write_bytes(bad()[name])
-    with pytest.raises(ValueError, match=words):
-        process.read(path)
-
-
-def test_a_large_file_is_refused_by_its_size(tmp_path):
-    path = tmp_path / "large.obj"
-    with path.open("wb") as file:
-        file.truncate(64_000_001)
-    with pytest.raises(ValueError, match=r"64000001 bytes.*64000000"):
-        check_header(path)
 
 
 def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):

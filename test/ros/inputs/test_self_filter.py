@@ -1,5 +1,4 @@
 import numpy as np
-import pinocchio as pin
 import pytest
 import trimesh
 
@@ -8,7 +7,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.ros.inputs.self_filter import Outline, near_points, outside_robot
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
 URDF = """<robot name="three">
 <link name="base"><collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
@@ -36,33 +34,6 @@ def test_points_on_a_link_go_and_those_beside_it_stay(robot):
     q = np.zeros(1)
     assert kept(robot, q, [[0, 0, 0], [0.099, 0, 0], [0.101, 0, 0]]) == [False, False, True]
     assert kept(robot, q, [[0.5, 0, 1.0], [0.5, 0, 1.2]]) == [False, True]
-
-
-def test_the_held_object_is_left_out_where_a_hand_holds_it():
-    yumi = load_yumi()
-    q = yumi.configuration(START_CONFIGURATION)
-    grasp = object_by_name("small_crayons_box").grasps["left"][0]
-    T = yumi.link_pose(q, "gripper_l_base") * grasp
-    corner = BOX.vertices[np.argmax((T.act(np.zeros(3)) - BOX.vertices) @ T.rotation[2])]
-    point = T.act(0.99 * corner)
-    away = T.act(5.0 * corner)
-    holding = yumi_arm(yumi, "left", [grasp])
-    assert kept(yumi, q, [point, away], arms=[holding]) == [False, True]
-
-
-def test_the_whole_surface_of_the_robot_is_left_out():
-    yumi = load_yumi()
-    q = yumi.configuration(START_CONFIGURATION)
-    data, placed = yumi.model.createData(), yumi.geometry.createData()
-    pin.updateGeometryPlacements(yumi.model, data, yumi.geometry, placed, q)
-    points = [
-        placed.oMg[i].act(shape.geometry.point(k))
-        for i, shape in enumerate(yumi.geometry.geometryObjects)
-        if hasattr(shape.geometry, "num_points")
-        for k in range(shape.geometry.num_points)
-    ]
-    assert len(points) > 500
-    assert not any(kept(yumi, q, points, padding=1e-6))
 
 
 def test_points_on_a_flat_mesh_go_and_those_above_it_stay(tmp_path):

@@ -3,9 +3,7 @@ import numpy as np
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.ros.outputs.conversions import (
     trajectory_message,
-    with_all_joints,
 )
-from placement_planner_ros.scenes.yumi import HOME, load_yumi
 
 TRAJECTORY = Trajectory(
     ("yumi_joint_1_l", "yumi_joint_2_l"),
@@ -26,17 +24,3 @@ def test_a_trajectory_message_holds_every_column():
         np.testing.assert_array_equal(got, getattr(TRAJECTORY, name))
     times = [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points]
     np.testing.assert_allclose(times, TRAJECTORY.times, atol=1e-9)
-
-
-def test_all_joints_are_held_where_the_robot_is():
-    robot = load_yumi()
-    q = robot.configuration(HOME)
-    complete = with_all_joints(TRAJECTORY, robot, q)
-    assert set(complete.joints) == set(HOME)
-    for i, name in enumerate(complete.joints):
-        if name in TRAJECTORY.joints:
-            column = TRAJECTORY.joints.index(name)
-            np.testing.assert_array_equal(complete.positions[:, i], TRAJECTORY.positions[:, column])
-        else:
-            assert (complete.positions[:, i] == q[robot.index(name)]).all()
-            assert (complete.velocities[:, i] == 0.0).all()

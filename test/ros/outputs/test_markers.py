@@ -1,13 +1,10 @@
 """The markers of a run's target volume, of what is kept out of, and of what was placed before."""
 
 import numpy as np
-import pytest
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.outputs.markers import scene_markers
-from placement_planner_ros.view.drawn_markers import DrawnMarkers
 
 MAP = Header(frame_id="map")
 
@@ -27,14 +24,3 @@ def test_every_box_of_the_volume_and_to_keep_out_of_is_drawn():
             at, size = marker.pose.position, marker.scale
             np.testing.assert_allclose([at.x, at.y, at.z], (low + high) / 2)
             np.testing.assert_allclose([size.x, size.y, size.z], high - low)
-
-
-def test_what_was_placed_before_is_drawn_by_some_of_its_points():
-    things = [np.random.default_rng(k).random((count, 3)) for k, count in enumerate((10, 20_000))]
-    volume = TargetVolume(np.zeros(3), np.ones(3))
-    markers = scene_markers(MAP, volume, np.zeros((0, 2, 3)), [], things)
-    few, many = (DrawnMarkers.of(MarkerArray(markers=[m])).standing for m in markers[-2:])
-    assert few == pytest.approx(things[0])
-    assert 1000 < len(many) <= 1500
-    assert {tuple(point) for point in many} <= {tuple(point) for point in things[1]}
-    assert len(DrawnMarkers.of(MarkerArray(markers=markers)).standing) == len(few) + len(many)

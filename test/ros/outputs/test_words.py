@@ -38,12 +38,3 @@ def test_a_status_says_where_the_run_is_and_what_it_has_found(bench):
     assert said.startswith("stopped: 2 solutions, the best 0.5 by arm left")
     assert b.call("confirm_placed").success
     b.wait(lambda: b.messages("status")[-1].message.endswith("; it has been carried out"))
-
-
-def test_what_matters_comes_first(bench):
-    b = bench()
-    started(b).offers.append(FOUND)
-    b.wait(lambda: b.status().get("objective") == "0.3")
-    first = list(b.status())[:8]
-    assert first[:4] == ["run", "state", "code", "solutions"]
-    assert {"objective", "best_valid", "best_invalid_reason", "why"} == set(first[4:])

@@ -56,12 +56,3 @@ def test_a_dump_is_taken_at_start_up_where_an_empty_list_has_no_type(node, tmp_p
         assert server.without_effect() == {}
     finally:
         again.destroy_node()
-
-
-def test_what_is_read_at_start_up_may_be_set_to_the_value_it_has_and_no_other(node):
-    ParameterServer(node)
-    assert node.set_parameters([Parameter("robot_description", value=URDF)])[0].successful
-    for name, value in (("robot_description", URDF.replace("a", "x")), ("sensor_frames", [])):
-        result = node.set_parameters_atomically([Parameter(name, value=value)])
-        assert not result.successful
-        assert "start-up" in result.reason

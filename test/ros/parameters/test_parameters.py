@@ -8,7 +8,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
-from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,
@@ -84,19 +83,6 @@ def test_what_does_not_fit_together_is_refused_at_start_and_not_before(values, b
         wishes.require_consistent()
 
 
-def test_several_boxes_are_one_volume():
-    boxes = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 0.0, 0.0, 3.0, 1.0, 1.0]
-    volume = parameter_set(target_volume=boxes).volume
-    assert volume.boxes.ravel().tolist() == boxes
-    with pytest.raises(ParameterError, match=r"target_volume = .*six numbers per box, not 11"):
-        parameter_set(target_volume=boxes[:11])
-    boxes[8] = 2.0
-    with pytest.raises(VolumeError, match=r"target_volume = .*box 2 of 2"):
-        parameter_set(target_volume=boxes)
-    with pytest.raises(VolumeError, match=r"target_volume = '65 boxes': give 64 at most"):
-        parameter_set(target_volume=[0.0, 0.0, 0.0, 1.0, 1.0, 1.0] * 65)
-
-
 def test_numbers_may_come_as_text_as_yaml_takes_some_for_it():
     assert parameter_set(time_limit="1e-05")["time_limit"] == 1e-05
     volume = parameter_set(target_volume="[0, 0, 0, 1, 1.5, 1e-1]")["target_volume"]
@@ -130,39 +116,6 @@ def test_a_mesh_that_is_too_large_is_refused_when_it_is_set(name, most):
         parameter_set().changed({name: value})
 
 
-def test_every_search_setting_reaches_the_planner():
-    changes = {
-        "sampler": "uniform",
-        "local_optimization": False,
-        "contact_tolerance": 0.002,
-        "approach_distance": 0.08,
-        "retreat_distance": 0.07,
-        "require_retreat": False,
-        "velocity_scaling": 0.5,
-        "acceleration_scaling": 0.4,
-        "acceleration_limits": [1.0, 2.0],
-    }
-    settings = ParameterSet(SPECS, changes).planner_settings
-    assert settings.sampler == "uniform"
-    assert settings.local_optimization is False
-    assert settings.collision.contact_tolerance == 0.002
-    assert settings.approach.approach_distance == 0.08
-    assert settings.retreat.retreat_distance == 0.07
-    assert settings.require_retreat is False
-    assert settings.timing.velocity_scaling == 0.5
-    assert settings.timing.acceleration_scaling == 0.4
-    assert settings.timing.acceleration_limits == (1.0, 2.0)
-    assert ParameterSet(SPECS, {"cloud.cell_size": 0.02}).grid_settings.cell_size == 0.02
-
-
-def test_poses_are_x_y_z_then_the_quaternion_x_y_z_w():
-    half = np.sqrt(0.5)
-    first, second = poses_from_list("p", [1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, 0, half, half])
-    np.testing.assert_array_equal(first.translation, [1, 2, 3])
-    np.testing.assert_allclose(first.rotation, np.eye(3))
-    np.testing.assert_allclose(second.rotation @ [1, 0, 0], [0, 1, 0], atol=1e-12)
-
-
 @pytest.fixture
 def node(ros):
     made = []
@@ -186,22 +139,6 @@ def test_integers_are_accepted_on_the_command_line_and_later(node):
     assert result.successful, result.reason
     assert server.current["collision_margin"] == 0.0
     assert made.get_parameter("collision_margin").type_ is Parameter.Type.DOUBLE
-
-
-def test_a_bad_value_is_refused_with_its_reason_and_changes_nothing(node):
-    made = node()
-    server = ParameterServer(made)
-    result = made.set_parameters(
-        [Parameter("target_volume", value=[1.0, 0.0, 0.0, 0.0, 1.0, 1.0])]
-    )[0]
-    assert not result.successful
-    assert "minimum corner first" in result.reason
-    assert server.current["target_volume"] == made.get_parameter("target_volume").value
-
-
-def test_a_bad_value_at_start_up_is_named(node):
-    with pytest.raises(ParameterError, match="sampler"):
-        ParameterServer(node("-p", "sampler:=magic"))
 
 
 def test_arms_and_sensor_frames_bring_their_own_parameters(node):

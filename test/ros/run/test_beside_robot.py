@@ -4,45 +4,26 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.snapshots import parts_of, seen
+from helpers.fakes import TABLE
+from helpers.snapshots import seen, yumi_snapshot
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.ros.inputs.furniture import fixed_links
 from placement_planner_ros.ros.inputs.known_surface import PlacedBody, surface_points
-from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
-from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.preparation import make_planner
-from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
-from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
-VOLUME = [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
-TABLE = np.stack(np.meshgrid(np.arange(0.2, 0.6, 0.005), np.arange(-0.3, 0.3, 0.005)), -1)
-TABLE = np.column_stack([TABLE.reshape(-1, 2), np.zeros(TABLE.size // 2)])
 RADIUS = 0.002
 
 
 @pytest.fixture(scope="module")
 def holding():
     """The robot, the left hand holding the object, over a table; no cloud but that."""
-    held = object_by_name("small_crayons_box")
-    specs = [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]
-    parameters = ParameterSet({s.name: s for s in specs})
-    robot = load_yumi()
-    return Snapshot(
-        robot,
-        (yumi_arm(robot, "left", held.grasps["left"]),),
-        robot.configuration(START_CONFIGURATION),
-        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
-        parts_of((TABLE,)),
-        parameters.changed({"target_volume": VOLUME, "seed": 3}),
-        robot.root_link,
-    )
+    return yumi_snapshot(("left",), (TABLE,))
 
 
 def pose_in_hand(snapshot, grasp=0):

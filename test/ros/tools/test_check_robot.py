@@ -2,11 +2,8 @@
 
 import xml.etree.ElementTree as ET
 
-import numpy as np
-import pinocchio as pin
 import pytest
 import trimesh
-from helpers import few_joints
 
 from placement_planner_ros.core.robot.allowed_pairs import read_srdf
 from placement_planner_ros.ros.tools import robot_check
@@ -126,21 +123,6 @@ def test_a_start_in_collision_is_wrong_and_said_to_be_assumed(tmp_path, capsys):
     assert "self-collision" in faults(said)
 
 
-def test_where_no_start_is_given_the_hands_are_open(robot, capsys):
-    # At zero the left finger is in the box, beyond its middle: opening would push it deeper first.
-    file = parameters(robot, **{"arm.grasps": "[0.0, 0.02, 0.08, 0.0, 0.0, 0.0, 1.0]"})
-    main(["--params-file", str(file)])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "but left_finger where the hands are open" in said
-    assert "pushes" not in said
-    zero = robot / "zero.yaml"
-    zero.write_text("{j0: 0.0, j1: 0.0, j2: 0.0, left_finger: 0.0}")
-    main(["--params-file", str(file), "--joints", str(zero)])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "no start is given" not in said
-    assert "opening the hand pushes left" in said
-
-
 def test_meshes_joint_states_and_touch_are_told_and_drawn(robot, capsys):
     L_shape().export(robot / "link.stl")
     picture, srdf = robot / "a.png", robot / "a.srdf"
@@ -182,17 +164,6 @@ def test_everything_that_is_wrong_is_told_in_one_list(robot, capsys):
         assert words in said, words
 
 
-def test_missing_meshes_are_told_at_once(robot, capsys):
-    text = (robot / "robot.urdf").read_text()
-    text = text.replace('filename="link.stl"', 'filename="package://gone/a.dae"', 1)
-    (robot / "robot.urdf").write_text(text.replace("link.stl", "file:///gone/none.stl"))
-    assert main(["--params-file", str(parameters(robot))]) == 1
-    said = faults(capsys.readouterr().out)
-    for words in ("link one", "package gone is not known", f"{robot}/gone", "package_paths",
-                  "link two", "/gone/none.stl; where that is a path of another"):  # fmt: skip
-        assert words in said, words
-
-
 def test_a_grasp_in_which_nothing_holds_the_object_is_worth_a_look(robot, capsys):
     file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 1.0]"})
     main(["--params-file", str(file)])
@@ -201,38 +172,6 @@ def test_a_grasp_in_which_nothing_holds_the_object_is_worth_a_look(robot, capsys
     )
     assert "from the object; unless something holds it" in remarks
     assert "unless something holds it" not in wrong
-
-
-def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, capsys):
-    """One finger is in the closed hollow of the object."""
-    low, high = np.array([-0.03, 0.001, -0.03]), np.array([0.03, 0.08, 0.12])
-    walls = []
-    for axis in range(3):
-        for end, side in ((low, -1), (high, 1)):
-            ends = np.array([low - 0.002, high + 0.002])
-            ends[:, axis] = sorted((end[axis], end[axis] + 0.002 * side))
-            walls.append(trimesh.creation.box(bounds=ends))
-    trimesh.util.concatenate(walls).export(robot / "box.stl")
-    file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]"})
-    (robot / "start.yaml").write_text("j0: 0\nj1: 1.5\nj2: 0\nleft_finger: 0\n")
-    assert main(["--params-file", str(file), "--joints", str(robot / "start.yaml")]) == 1
-    said = capsys.readouterr().out
-    assert "arm.grasps[0] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]: the open hand" in faults(said)
-    assert "where left is nearer" in faults(said)
-
-
-def test_a_volume_out_of_reach_is_wrong(robot, capsys):
-    file = parameters(robot, target_volume="[5.0, -0.8, 0.0, 6.0, 0.8, 1.2]")
-    assert main(["--params-file", str(file)]) == 1
-    assert "out of reach" in faults(capsys.readouterr().out)
-
-
-def test_the_tilt_at_the_start_is_told(robot, capsys):
-    tilted = {"carry": "{max_tilt: 0.3}", "object.up": "[0.0, 0.0, -1.0]"}
-    assert main(["--params-file", str(parameters(robot, **tilted))]) == 1
-    said = capsys.readouterr().out
-    words = "arm with grasp 0: object.up is 180.0° (3.142 rad) from the vertical at q_0"
-    assert f"{words}, and carry.max_tilt 17.2°" in faults(said)
 
 
 def test_without_arms_chains_are_proposed(robot, capsys):
@@ -261,30 +200,3 @@ def test_which_nodes_parameters_count(robot, node, right):
     assert (given["arms"] == ["arm"]) == right
     assert (wrong == []) == right
     assert right or "it has no parameters for placement_planner" in wrong[0]
-
-
-def test_other_nodes_parameters_are_no_faults(robot, capsys):
-    assert read(parameters(robot, node="/**", qx_zz_7="1"))[1] == []
-    assert "qx_zz_7: not a parameter of this node" in capsys.readouterr().out
-    assert len(read(parameters(robot, qx_zz_7="1"))[1]) == 1
-
-
-@pytest.mark.parametrize("name", ["gantry", "gantry yaw"])
-def test_a_gantry_on_rails_of_12_m_could_plan(name, tmp_path):
-    trimesh.creation.box(few_joints.SIZE).export(tmp_path / "box.stl")
-    (tmp_path / "robot.urdf").write_text(few_joints.urdf_of(name))
-    volume = few_joints.table().volume
-    file = parameters(
-        tmp_path,
-        **{
-            "arm.tip_frame": "tip",
-            "arm.grasps": str(pin.SE3ToXYZQUAT(few_joints.FROM_ABOVE).tolist()),
-            "arm.gripper_joints": "[finger]",
-            "arm.gripper_open": "[0.045]",
-            "target_volume": str([*volume.lower.tolist(), *volume.upper.tolist()]),
-        },
-    )
-    free = ("rail", "across", "down", "finger", *(("roll",) if name == "gantry yaw" else ()))
-    start = dict.fromkeys(free, 0.0) | few_joints.start_of(name)
-    (tmp_path / "start.yaml").write_text(str(start))
-    assert main(["--params-file", str(file), "--joints", str(tmp_path / "start.yaml")]) == 0

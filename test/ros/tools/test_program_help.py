@@ -1,16 +1,10 @@
 """Programs asked for help say what they are for, and end."""
 
-import re
 import sys
 
-import numpy as np
 import pytest
 
 from placement_planner_ros import __main__ as programs
-from placement_planner_ros.ros.tools import scene_publisher
-from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
-from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
 
 
 @pytest.mark.parametrize("flag", ["-h", "--help"])
@@ -36,17 +30,3 @@ def test_the_help_of_the_page_needs_neither_ros_nor_viser(monkeypatch, capsys):
     with pytest.raises(SystemExit, match=r"viser|rclpy") as ended:
         programs.placement_view()
     assert "pip install 'placement_planner_ros[ros,view]'" in str(ended.value)
-
-
-def test_the_scenes_help_names_all_that_can_be_chosen(monkeypatch, capsys, ros):
-    monkeypatch.setattr(sys, "argv", ["placement_scene", "--help"])
-    programs.placement_scene()
-    said = capsys.readouterr().out
-    monkeypatch.setattr(scene_publisher, "complete_cloud", lambda scene: np.zeros((1, 3)))
-    node = ScenePublisher()
-    own = node._parameters.keys() - {"use_sim_time", "start_type_description_service"}
-    node.destroy_node()
-    assert {"name", "object", "clouds", "rate"} <= own
-    for word in (*own, *BUNDLED_SCENES, *BUNDLED_OBJECTS):
-        assert re.search(rf"\b{word}\b", said), word
-    assert max(map(len, said.splitlines())) <= 100

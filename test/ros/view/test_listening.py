@@ -114,28 +114,6 @@ def test_inputs_are_heard_whatever_their_names_and_whatever_comes_by_them(heard)
     assert listener.hearing.status.run == 3
 
 
-def test_no_node_is_said_and_one_that_comes_later_is_heard(ros):
-    page = Node("page")
-    listener = Listener(page, "placement_planner")
-    listener.look()
-    assert listener.absent == "no node heard on /placement_planner"
-    planner = Planner()
-
-    def present():
-        listener.look()
-        return listener.absent == ""
-
-    wait(present)
-    planner.destroy_node()
-
-    def gone():
-        listener.look()
-        return listener.absent != ""
-
-    wait(gone)
-    page.destroy_node()
-
-
 def test_markers_that_are_none_are_refused_or_left_out():
     volume = Marker(ns="target_volume", type=Marker.CUBE)
     volume.scale.x = volume.scale.y = volume.scale.z = 0.5

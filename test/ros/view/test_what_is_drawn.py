@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from placement_planner_ros.core.errors import CloudError, RobotError
+from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
@@ -43,11 +42,6 @@ def test_every_link_stands_where_the_planner_has_it(robot):
         assert poses[shape.link].isApprox(planned.link_pose(q, shape.link), 1e-9)
     assert {s.link for s in robot.shapes} >= {TIP_FRAMES["left"], TIP_FRAMES["right"]}
     assert robot.lacking == []
-
-
-def test_the_planning_frame_may_be_another_link(robot):
-    poses = robot.link_poses({}, TIP)
-    assert poses[TIP].isApprox(pin.SE3.Identity(), 1e-9)
 
 
 def test_links_whose_meshes_are_missing_are_named_and_the_others_drawn():
@@ -128,41 +122,3 @@ def test_of_an_organised_cloud_rows_and_columns_are_left(size):
     if min(size) > 100:  # as far apart along rows as across them
         gaps = [np.diff(np.unique(axis)).max() for axis in left.T]
         assert max(gaps) <= 1.7 * min(gaps)
-
-
-def test_a_large_cloud_is_thinned_and_keeps_its_shape():
-    points = np.random.default_rng(0).random((300_000, 3))
-    cloud = thinned_cloud(message_from_points(points, Header(frame_id="camera")))
-    assert cloud.count == 300_000
-    assert 20_000 < len(cloud.points) <= 30_000
-    assert cloud.frame == "camera"
-    assert cloud.points == pytest.approx(points[:: 300_000 // len(cloud.points)], abs=1e-6)
-
-
-def test_an_organised_cloud_with_padded_rows_and_holes_is_read():
-    grid = np.arange(60.0).reshape(4, 5, 3)
-    message = message_from_points(grid, Header())
-    rows = [bytes(message.data[60 * k : 60 * (k + 1)]) + b"\xff" * 8 for k in range(4)]
-    message.row_step, message.data = 68, b"".join(rows)
-    assert thinned_cloud(message).points == pytest.approx(grid.reshape(-1, 3))
-    grid[2, 1] = np.nan
-    assert len(thinned_cloud(message_from_points(grid, Header())).points) == 19
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda m: setattr(m, "data", m.data[:-1]),
-        lambda m: setattr(m, "width", 2**31),
-        lambda m: setattr(m, "point_step", 4),
-        lambda m: setattr(m.fields[1], "name", "intensity"),
-        lambda m: setattr(m.fields[2], "datatype", 2),
-        lambda m: setattr(m.fields[0], "offset", 9),
-    ],
-)
-def test_a_malformed_cloud_is_refused(spoil):
-    message = message_from_points(np.ones((50, 3)), Header())
-    spoil(message)
-    with pytest.raises(CloudError):
-        thinned_cloud(message, 10)
-    assert len(thinned_cloud(PointCloud2()).points) == 0
