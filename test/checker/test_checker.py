@@ -258,18 +258,16 @@ def test_refuses_a_wrong_or_no_better_objective() -> None:
     assert check(minimise, replace(GOOD, objective=-OBJECTIVE)) == []
 
 
-def clearance_of_cube(solids: list) -> float:
-    """C of a 10 cm cube standing at the origin, V reaching 1 m."""
+def beside_cube(solids: list, **changes) -> SolutionChecker:
+    """Of a 10 cm cube standing at the origin, V reaching 1 m."""
     cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
-    task = replace(
-        TASK,
-        solids=solids,
-        volume_lower=-np.ones(3),
-        volume_upper=np.ones(3),
-        object_vertices=cube.vertices,
-        object_triangles=cube.triangles,
-    )
-    return SolutionChecker(task).clearance(np.eye(4))
+    of = {"object_vertices": cube.vertices, "object_triangles": cube.triangles}
+    of |= {"volume_lower": -np.ones(3), "volume_upper": np.ones(3)}
+    return SolutionChecker(replace(TASK, solids=solids, **(of | changes)))
+
+
+def clearance_of_cube(solids: list, **changes) -> float:
+    return beside_cube(solids, **changes).clearance(np.eye(4))
 
 
 def test_clearance_is_measured_sideways_and_upwards() -> None:
@@ -288,37 +286,23 @@ def test_clearance_is_measured_sideways_and_upwards() -> None:
 
 def test_clearance_counts_what_lies_in_any_box_or_near_it() -> None:
     wall = box("wall", [0.1, -2, 0], [0.2, 2, 1], RED)
-    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
     tight = np.array([-0.06, -0.06, -0.1]), np.array([0.06, 0.06, 0.2])
     far = np.array([0.15, 1.5, 0.0]), np.array([0.3, 1.8, 0.5])
-    task = replace(
-        TASK,
-        solids=[wall],
-        volume_lower=np.array([tight[0], far[0]]),
-        volume_upper=np.array([tight[1], far[1]]),
-        object_vertices=cube.vertices,
-        object_triangles=cube.triangles,
-    )
-    assert SolutionChecker(task).clearance(np.eye(4)) == 0.5
-    near = replace(task, volume_upper=np.array([tight[1] + [0.1, 0, 0], far[1]]))
-    assert SolutionChecker(near).clearance(np.eye(4)) == pytest.approx(0.1, abs=0.003)
-    around = replace(task, beyond=0.5)
-    assert SolutionChecker(around).clearance(np.eye(4)) == pytest.approx(0.1, abs=1e-9)
+    lower, upper = np.array([tight[0], far[0]]), np.array([tight[1], far[1]])
+    near = np.array([tight[1] + [0.1, 0, 0], far[1]])
+
+    def clearance(volume_upper, **changes):
+        boxes = {"volume_lower": lower, "volume_upper": volume_upper}
+        return clearance_of_cube([wall], **boxes, **changes)
+
+    assert clearance(upper) == 0.5
+    assert clearance(near) == pytest.approx(0.1, abs=0.003)
+    assert clearance(upper, beyond=0.5) == pytest.approx(0.1, abs=1e-9)
 
 
 def test_clearance_is_bounded_where_a_layer_decides() -> None:
     """What ends 4 mm above some voxel centres may count for them, or not."""
-    low = box("low", [0.06, -2, 0], [0.07, 2, 0.0565], RED)
-    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
-    task = replace(
-        TASK,
-        solids=[low],
-        volume_lower=-np.ones(3),
-        volume_upper=np.ones(3),
-        object_vertices=cube.vertices,
-        object_triangles=cube.triangles,
-    )
-    judge = SolutionChecker(task)
+    judge = beside_cube([box("low", [0.06, -2, 0], [0.07, 2, 0.0565], RED)])
     beside = [0.06 * layers / 20 + 0.5 * (20 - layers) / 20 for layers in (11, 9)]
     assert judge.clearance_bounds(np.eye(4)) == pytest.approx(beside, abs=1e-9)
     assert judge.clearance(np.eye(4)) == pytest.approx(beside[0], abs=1e-9)

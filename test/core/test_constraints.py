@@ -53,24 +53,6 @@ def across_the_edge(problem, face, angle):
     return contacts, furthest
 
 
-def test_the_contact_point_lies_in_v_and_the_centre_of_mass_over_or_under_it(problem):
-    """How high the centre of mass is does not matter; where it is seen from above does."""
-    com = problem.body.center_of_mass
-    for face, resting in enumerate(problem.body.faces):
-        T = placement_pose(resting, np.array([0.3, 0.0, HEIGHT]), 0.4)
-        contact, center = np.array([0.3, 0.0, HEIGHT]), T.act(com)
-        assert center[2] > HEIGHT + 0.005
-        low, high = np.minimum(contact, center) - 1e-3, np.maximum(contact, center) + 1e-3
-        low[2], high[2] = HEIGHT - 1e-3, HEIGHT + 1e-3  # below the centre of mass
-        inside = replace(problem, volume=TargetVolume(low, high))
-        assert constraints(inside).verdict(T, Contact(face, HEIGHT)) is Verdict.FEASIBLE
-        for axis in np.flatnonzero(np.abs(center - contact)[:2] > 5e-3):
-            short = low.copy(), high.copy()
-            short[int(center[axis] > contact[axis])][axis] = (center[axis] + contact[axis]) / 2.0
-            beside = replace(problem, volume=TargetVolume(*short))
-            assert constraints(beside).verdict(T, Contact(face, HEIGHT)) is Verdict.OUTSIDE_VOLUME
-
-
 def test_contact_point_and_centre_of_mass_may_lie_in_different_boxes(problem):
     rng = np.random.default_rng(7)
     poses = constraints(problem)

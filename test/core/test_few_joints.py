@@ -7,8 +7,6 @@ import pytest
 from checker import Solution, SolutionChecker
 from helpers import few_joints
 
-from placement_planner_ros.core.objective.ascent import AscentSettings
-from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
@@ -65,35 +63,6 @@ def test_what_is_published_is_right_and_in_no_cell_that_is_ruled_out(table, name
         assert planner._bounds.rulings(cell)[0] == Ruling.OPEN
     assert previous is not None
     assert planner.exhausted == ""
-
-
-def draws_of(planner):
-    return planner.sampler._draw(150, -np.inf)
-
-
-def test_local_optimisation_moves_as_the_arm_can(table):
-    """To turn the object, the arm of four joints must carry it around its base."""
-    wanted = 0.5
-
-    def objective(T):
-        return -abs(float(np.arctan2(T.rotation[1, 0], T.rotation[0, 0])) - wanted)
-
-    planner, _ = planner_of(table, "four", few_joints.FROM_ASIDE, objective, optimistic=MANY)
-    holding = planner.holdings["arm", 0]
-    outcome = planner._search.finder.check_batch(draws_of(planner), -np.inf, 10_000, lambda: False)
-    goal = max((g for g in outcome.goals if g.objective < -0.15), key=lambda each: each.objective)
-    optimizer = LocalOptimizer(planner._search.poses, objective, 1e-6, AscentSettings())
-    refined = optimizer.optimize(goal, holding, lambda: False)
-    better = refined.goal
-    assert better.objective > 0.5 * goal.objective
-    angle, contact = face_angle(planner, better)
-    before, start = face_angle(planner, goal)
-    assert contact[2] == pytest.approx(start[2], abs=1e-9)
-    turned = np.arctan2(contact[1], contact[0]) - np.arctan2(start[1], start[0])
-    assert angle - before == pytest.approx(turned, abs=1e-3)
-    given = holding.object_pose(better.q)
-    assert given.translation == pytest.approx(better.T_world_object.translation, abs=3e-5)
-    assert given.rotation == pytest.approx(better.T_world_object.rotation, abs=2e-4)
 
 
 def test_sections_that_slide_together_are_planned_timed_and_published_as_one(table):

@@ -112,14 +112,6 @@ def test_numerical_gradient_matches_the_analytic_one_of_a_black_box():
     assert objective_gradient(Bowl(), T) == pytest.approx(expected, abs=1e-6)
 
 
-def test_own_gradient_is_used_where_there_is_one():
-    class Known(Bowl):
-        def gradient(self, T):
-            return np.array([1.0, 2.0, 3.0])
-
-    assert objective_gradient(Known(), pin.SE3.Identity()) == pytest.approx([1, 2, 3])
-
-
 def test_on_a_slope_poses_are_moved_within_its_plane():
     """All points of the object keep their distance from it; differences are taken along it too."""
     slope = (0.1, -0.05)

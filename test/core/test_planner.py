@@ -13,17 +13,14 @@ from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from benchmarks.record import save_solution
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
-from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
-from placement_planner_ros.core.types import Contact, TargetVolume, Verdict
+from placement_planner_ros.core.types import TargetVolume, Verdict
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
@@ -71,32 +68,6 @@ def test_each_placement_is_better_by_what_counts():
     published = [placement.objective for placement in placements]
     assert len(published) >= 3
     assert all(b > a + step for a, b in itertools.pairwise(published))
-
-
-def test_where_the_optimised_path_cannot_be_timed_the_goal_reached_is_published():
-    optimised = []
-    optimize, make = LocalOptimizer.optimize, TrajectoryMaker.make
-
-    def watched(self, goal, *arguments):
-        refined = optimize(self, goal, *arguments)
-        optimised.append((goal, refined.goal))
-        return refined
-
-    def failing(self, path, goal, *arguments):
-        if any(goal is better and goal is not reached for reached, better in optimised):
-            return None
-        return make(self, path, goal, *arguments)
-
-    with (
-        mock.patch.object(LocalOptimizer, "optimize", watched),
-        mock.patch.object(TrajectoryMaker, "make", failing),
-    ):
-        planner, placements = plan(samples=3000)
-    improved = [reached for reached, better in optimised if better is not reached]
-    assert len(improved) >= 2
-    assert planner.statistics.unreached == len(improved)
-    assert [p.goal for p in placements] == [reached for reached, _ in optimised]
-    assert all(b.objective > a.objective for a, b in itertools.pairwise(placements))
 
 
 def test_the_same_seed_and_budget_give_the_same_placements():
@@ -245,28 +216,6 @@ def test_what_was_rejected_is_counted_by_face_and_by_arm(sampler):
     assert (tries.sum(axis=(0, 2)) >= judged).all()
     assert (tries[:, :, Verdict.FEASIBLE].sum(axis=0) == by_face[:, Verdict.FEASIBLE]).all()
     assert placements
-
-
-@pytest.fixture(scope="module")
-def finder_and_draws():
-    """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
-    problem, objective = problem_of(CABINET)
-    batch = SamplerSettings(batch=3000)
-    settings = replace(PlannerSettings(), sampler="uniform", uniform=batch)
-    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    finder = planner.sampler._checker
-    return problem, objective, finder, planner.sampler._draw(3000, -np.inf)
-
-
-def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):
-    problem, _, finder, draws = finder_and_draws
-    verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
-    assert {int(v) for v in verdicts} == {0, 1, 2, int(Verdict.FEASIBLE)}
-    for k in range(0, 3000, 5):
-        face = int(draws.face[k])
-        x = placement_pose(problem.body.faces[face], draws.contact[k], float(draws.angle[k]))
-        assert np.allclose(x.homogeneous, T[k], atol=1e-12)
-        assert finder._poses.verdict(x, Contact(face, draws.contact[k, 2])) == verdicts[k]
 
 
 def test_it_stops_between_the_poses_of_a_batch():

@@ -35,13 +35,10 @@ def test_nothing_is_placed_on_top_of_other_things_where_so_asked():
     def height(T_world_object):
         return float(T_world_object.translation[2])
 
-    apart = {}
-    for which in ("any", "largest"):
-        settings = PlannerSettings(support_region=which)
-        planner = PlacementPlanner(problem, height, settings, np.random.default_rng(0))
-        found = list(planner.run(lambda planner=planner: planner.statistics.samples >= 6000))
-        off = [min(abs(p.goal.contact_height - r.z) for r in level) for p in found]
-        apart[which] = off
-    assert apart["largest"]
-    assert max(apart["largest"]) < 0.004
-    assert max(apart["any"]) > 0.01
+    settings = PlannerSettings(support_region="largest")
+    planner = PlacementPlanner(problem, height, settings, np.random.default_rng(0))
+    found = list(planner.run(lambda: planner.statistics.samples >= 6000))
+    assert found
+    assert max(region.z for region in problem.environment.regions) > level[0].z + 0.01
+    for placement in found:
+        assert min(abs(placement.goal.contact_height - r.z) for r in level) < 0.004

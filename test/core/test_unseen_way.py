@@ -61,18 +61,6 @@ def test_a_ceiling_that_was_seen_or_is_not_there_is_none():
     assert not Environment.from_points(shelf().points, VOLUME).has_unseen_ceiling
 
 
-def test_an_open_table_has_no_ceiling():
-    table = box("table", (0.2, -0.6, -0.05), (1.0, 0.6, FLOOR), GREY)
-    eye = np.array([0.0, 0.0, 0.6])
-    camera = DepthCamera.looking_at("eye", eye, (0.6, 0.0, FLOOR))
-    scene = Scene("table", VOLUME, (table,))
-    (cloud,) = camera_clouds(scene, np.random.default_rng(0), cameras=[camera])
-    view = View(cloud.world_points().reshape(-1, 3), eye)
-    environment = of_shelf(view)
-    assert environment.regions
-    assert not environment.has_unseen_ceiling
-
-
 def cuts_the_board(inputs, placement):
     """Whether the held object is within the board somewhere on the way."""
     arm = next(each for each in inputs.arms if each.name == placement.arm)

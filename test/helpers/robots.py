@@ -24,13 +24,13 @@ SLIDING = """
 
 
 def _mixed_urdf(mesh_file):
-    """Four joints, every kind of shape, a mesh that is not convex, and a post that stands still."""
+    """Four joints, every kind of shape, a mesh that is not convex, and one that stands still."""
     return f"""
 <robot name="mixed">
   <link name="base"><collision><origin xyz="0 0 -0.05"/>
     <geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>
   <link name="post"><collision>
-    <geometry><cylinder radius="0.05" length="0.5"/></geometry></collision></link>
+    <geometry><mesh filename="{mesh_file}" scale="1 1 4"/></geometry></collision></link>
   <joint name="stand" type="fixed"><parent link="base"/><child link="post"/>
     <origin xyz="-0.3 0 0.2"/></joint>
   <link name="upper"><collision><origin xyz="0 0 0.15"/>

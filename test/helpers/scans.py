@@ -169,16 +169,6 @@ def bowl() -> trimesh.Trimesh:
     return revolved([(0.0, 0.0), *outer, *inner])
 
 
-def fruit() -> trimesh.Trimesh:
-    """A pear-like one."""
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.035)
-    vertices = np.array(ball.vertices)
-    up = np.maximum(vertices[:, 2], 0.0) / 0.035
-    vertices[:, :2] *= 1.0 - 0.55 * up[:, None] ** 2
-    vertices[:, 2] *= 1.0 + 0.6 * (vertices[:, 2] > 0)
-    return trimesh.Trimesh(vertices, ball.faces, process=False)
-
-
 def _bundled(name: str) -> Callable[[], trimesh.Trimesh]:
     def make() -> trimesh.Trimesh:
         thing = object_by_name(name)
@@ -197,19 +187,14 @@ SHAPES: dict[str, Callable[[], trimesh.Trimesh]] = {
     "flat box": lambda: trimesh.creation.box((0.16, 0.11, 0.025)),
     "tall box": lambda: trimesh.creation.box((0.05, 0.06, 0.19)),
     "bulging box": lambda: bulging((0.12, 0.08, 0.06), 0.003),
-    "bulging carton": lambda: bulging((0.09, 0.06, 0.20), 0.004),
     "cylinder of 12": _cylinder(12, 0.034, 0.102),
-    "cylinder of 20": _cylinder(20, 0.040, 0.060),
     "cylinder of 32": _cylinder(32, 0.034, 0.102),
-    "cylinder of 64": _cylinder(64, 0.030, 0.120),
     "cone": lambda: trimesh.creation.cone(radius=0.04, height=0.12, sections=48),
-    "cone of 16": lambda: trimesh.creation.cone(radius=0.05, height=0.08, sections=16),
     "ball": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.035),
     "bottle": bottle,
     "hollow bowl": bowl,
     "mug": mug,
     "banana": banana,
     "drill": drill,
-    "pear": fruit,
 }
 """Shapes without noise, by name."""

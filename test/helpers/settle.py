@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,10 +52,32 @@ def settle(
     Returns:
         Where it is after `seconds`, compared with its release.
     """
-    model = mujoco.MjModel.from_xml_string(
-        _world(scene_parts, object_parts, center_of_mass, T_world_object, friction)
+    spec = mujoco.MjSpec()
+    spec.option.timestep = _TIME_STEP
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.noslip_iterations = noslip
+    # flat faces need several contact points, or they rock
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_MULTICCD
+    x, y, z, w = pin.Quaternion(T_world_object.rotation).normalized().coeffs()
+    placed = spec.worldbody.add_body(
+        name="object", pos=T_world_object.translation, quat=[w, x, y, z]
     )
-    model.opt.noslip_iterations = noslip
+    placed.add_freejoint()
+    owners = [spec.worldbody] * len(scene_parts) + [placed] * len(object_parts)
+    for number, (owner, vertices) in enumerate(
+        zip(owners, [*scene_parts, *object_parts], strict=True)
+    ):
+        spec.add_mesh(name=str(number), uservert=np.ravel(vertices).tolist())
+        owner.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=str(number),
+            friction=[friction, 0.005, 0.0001],
+        )
+    mass, inertia = _inertia(object_parts, np.asarray(center_of_mass))
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+    placed.explicitinertial, placed.mass, placed.ipos = True, mass, center_of_mass
+    placed.fullinertia = inertia[rows, columns]
+    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     body = model.body("object").id
@@ -67,57 +88,6 @@ def settle(
     return Settled(
         moved=float(np.linalg.norm(data.xipos[body] - position)),
         tilted=float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0))),
-    )
-
-
-def _world(
-    scene_parts: Sequence[npt.NDArray[np.float64]],
-    object_parts: Sequence[npt.NDArray[np.float64]],
-    center_of_mass: npt.NDArray[np.float64],
-    T_world_object: pin.SE3,
-    friction: float,
-) -> str:
-    root = ElementTree.Element("mujoco")
-    option = ElementTree.SubElement(root, "option", timestep=str(_TIME_STEP), cone="elliptic")
-    # flat faces need several contact points, or they rock
-    ElementTree.SubElement(option, "flag", multiccd="enable")
-    asset = ElementTree.SubElement(root, "asset")
-    world = ElementTree.SubElement(root, "worldbody")
-    for number, vertices in enumerate(scene_parts):
-        _add_part(asset, world, f"scene_{number}", vertices, friction)
-    x, y, z, w = pin.Quaternion(T_world_object.rotation).normalized().coeffs()
-    body = ElementTree.SubElement(
-        world,
-        "body",
-        name="object",
-        pos=_text(T_world_object.translation),
-        quat=_text([w, x, y, z]),
-    )
-    ElementTree.SubElement(body, "freejoint")
-    mass, inertia = _inertia(object_parts, np.asarray(center_of_mass))
-    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
-    ElementTree.SubElement(
-        body,
-        "inertial",
-        pos=_text(center_of_mass),
-        mass=repr(mass),
-        fullinertia=_text(inertia[rows, columns]),
-    )
-    for number, vertices in enumerate(object_parts):
-        _add_part(asset, body, f"object_{number}", vertices, friction)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _add_part(
-    asset: ElementTree.Element,
-    body: ElementTree.Element,
-    name: str,
-    vertices: npt.NDArray[np.float64],
-    friction: float,
-) -> None:
-    ElementTree.SubElement(asset, "mesh", name=name, vertex=_text(np.ravel(vertices)))
-    ElementTree.SubElement(
-        body, "geom", type="mesh", mesh=name, friction=_text([friction, 0.005, 0.0001])
     )
 
 
@@ -134,7 +104,3 @@ def _inertia(
         inertia += _DENSITY * np.asarray(hull.moment_inertia)
         inertia += part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, inertia
-
-
-def _text(numbers: npt.ArrayLike) -> str:
-    return " ".join(repr(float(number)) for number in np.ravel(numbers))

@@ -249,22 +249,6 @@ def test_what_is_too_much_is_refused_with_its_number():
         body_of(trimesh.util.concatenate(some))
 
 
-def test_a_convex_piece_counts_as_such_however_finely_it_is_divided():
-    rings = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=180)
-    rings = rings.subdivide_to_size(0.006)
-    assert len(rings.faces) > 10_000
-    body = Body.from_mesh(rings.vertices, rings.faces)
-    assert body.mesh is None
-    assert len(body.parts) == 1
-    dented = np.array(rings.vertices)
-    dented[np.argmax(dented @ [1.0, 0.3, 0.2])] *= 0.93
-
-    def hull(vertices, triangles, tolerance):
-        return hull_cover(vertices, triangles)
-
-    assert Body.from_mesh(dented, rings.faces, cover=hull).mesh is not None
-
-
 @pytest.mark.parametrize("odd", [np.nan, np.inf, 1e300])
 def test_vertices_of_no_triangle_are_no_part_of_the_object(odd):
     mesh = box(0.1, 0.2, 0.3)

@@ -14,18 +14,14 @@ FIRM = {
     "box": 6,
     "bulging box": 6,
     "cylinder of 12": 2,
-    "cylinder of 20": 2,
     "cylinder of 32": 2,
-    "cylinder of 64": 2,
     "cone": 1,
-    "cone of 16": 1,
     "ball": 0,
     "bottle": 2,
     "hollow bowl": 2,
     "mug": 4,
     "banana": 2,
     "drill": 5,
-    "pear": 0,
 }
 
 
@@ -39,7 +35,7 @@ def test_shapes_rest_on_the_sides_a_person_would_name(name):
     _, made = found(SHAPES[name]())
     assert sum(not rest.rolls for rest in made) == FIRM[name]
     assert any(rest.rolls for rest in made) == (
-        name.startswith(("cylinder", "cone", "ball", "bottle", "pear"))
+        name.startswith(("cylinder", "cone", "ball", "bottle"))
     )
 
 
@@ -70,15 +66,6 @@ def test_a_side_with_a_flat_ridge_is_stood_on_and_one_with_a_steep_ridge_rocks()
         beneath = [rest for rest in made if tipping.normals[rest.facet] @ [0.0, -1.0, 0.0] > 0.9]
         assert beneath
         assert any(not rest.rolls for rest in beneath) == firm
-
-
-def test_a_rise_within_the_flatness_keeps_nothing_from_rolling_but_small_cubes():
-    prism = trimesh.creation.cylinder(radius=0.03, height=0.06, sections=10)  # it rises by 1.5 mm
-    for flatness, rolls in ((0.001, False), (0.002, True)):
-        assert any(rest.rolls for rest in found(prism, flatness)[1]) == rolls
-    _, made = found(trimesh.creation.box((0.005, 0.005, 0.005)))
-    assert len(made) == 6
-    assert not any(rest.rolls for rest in made)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -154,49 +154,6 @@ def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
     assert (checker.free_batch(Q) == expected).all()
 
 
-SURFACES = """
-<robot name="surfaces">
-  <link name="base">
-    <collision><origin xyz="0 0.2 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
-    <collision><origin xyz="0 -0.2 0"/><geometry><sphere radius="0.05"/></geometry></collision>
-    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
-  <link name="allowed">
-    <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
-    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
-  <link name="x"/><link name="y"/><link name="z"/>
-  <link name="thing">
-    <collision><origin xyz="0 0 0.15"/>
-    <geometry><box size="0.05 0.02 0.02"/></geometry></collision>
-    <collision><origin xyz="0 0 -0.15"/><geometry><sphere radius="0.02"/></geometry></collision>
-    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
-  <joint name="fix" type="fixed"><parent link="base"/><child link="allowed"/>
-    <origin xyz="0.3 0 0"/></joint>
-  <joint name="j1" type="prismatic"><parent link="base"/><child link="x"/><axis xyz="1 0 0"/>
-    <limit lower="-0.2" upper="0.5" velocity="1" effort="1"/></joint>
-  <joint name="j2" type="prismatic"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
-    <limit lower="-0.4" upper="0.4" velocity="1" effort="1"/></joint>
-  <joint name="j3" type="prismatic"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/>
-    <limit lower="-0.2" upper="0.2" velocity="1" effort="1"/></joint>
-  <joint name="j4" type="revolute"><parent link="z"/><child link="thing"/><axis xyz="0.6 0 0.8"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-</robot>
-"""
-
-
-def test_surfaces_agree_with_coal_part_by_part(ring_file):
-    """What is allowed to meet follows right behind what is not, in the kernels' tables too."""
-    srdf = '<robot name="surfaces"><disable_collisions link1="allowed" link2="thing" reason="x"/>'
-    robot = Robot.from_urdf(SURFACES.format(ring=ring_file), srdf=srdf + "</robot>")
-    arm = robot.arm("arm", "thing")
-    setup = (MovingArm(robot, arm, np.zeros(4)), None, obstacles_of())
-    settings = CollisionSettings(self_margin=0.003)
-    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
-    Q = np.random.default_rng(7).uniform(arm.lower, arm.upper, (1200, arm.dof))
-    expected = np.array([reference.free(q) for q in Q])
-    assert 0.3 < expected.mean() < 0.9
-    assert (checker.free_batch(Q) == expected).all()
-
-
 def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
     wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
     arm = slider.arm("arm", "ball")
@@ -276,29 +233,6 @@ def test_the_margin_is_kept_on_every_side(shape, axis, side):
             q = np.zeros(3)
             q[axis] = side * (touching - gap)
             assert checker.free(q) == free
-
-
-def test_of_a_reserve_only_its_own_share_counts_for_the_robot_against_itself():
-    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
-    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
-    robot = Robot.from_urdf(
-        SLIDER.replace('<link name="base"/>', post), srdf="<robot name='slider'/>"
-    )
-    arm = robot.arm("arm", "ball")
-    settings = CollisionSettings(self_margin=0.001, self_reserve=0.0002)
-    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), None, obstacles_of(), settings)
-    touching = 1.0 - 0.05 - 0.02 - 0.001
-    for gap, reserve, free in (
-        (1e-5, 0.0, True),
-        (-1e-5, 0.0, False),
-        (0.00021, 0.01, True),
-        (0.00019, 0.01, False),
-        (0.00006, 0.00005, True),
-        (0.00004, 0.00005, False),
-    ):
-        q = np.array([touching - gap, 0.0])
-        assert checker.free(q, reserve) == checker.edge_free(q, q, reserve=reserve) == free
-        assert checker.free_batch(q[None], reserve).tolist() == [free]
 
 
 def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):

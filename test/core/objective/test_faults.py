@@ -49,10 +49,26 @@ def raising(error):
     return raises
 
 
+class SpeechlessError(Exception):
+    def __str__(self):
+        raise ValueError("nothing to say")
+
+
 @pytest.mark.parametrize(
-    "error", [ZeroDivisionError("mine"), SystemExit(3), GeneratorExit("mine"), StopIteration()]
+    "error",
+    [
+        ZeroDivisionError("mine"),
+        SystemExit(3),
+        GeneratorExit("mine"),
+        StopIteration(),
+        ObjectError("object", 1, "mend it"),
+        StoppedError("mine"),
+        SpeechlessError(),
+    ],
+    ids=repr,
 )
 def test_what_it_raises_is_a_bad_parameter_with_its_cause(error):
+    """Errors like the planner's own are its fault, too."""
     for ask in ask_all(answering(raising(error))):
         with pytest.raises(ParameterError, match=type(error).__name__) as caught:
             ask()
@@ -84,23 +100,6 @@ def test_a_bad_parameter_stays_what_it_is():
         with pytest.raises(ParameterError, match="mend it") as caught:
             ask()
         assert caught.value.field == "mine"
-
-
-class SpeechlessError(Exception):
-    def __str__(self):
-        raise ValueError("nothing to say")
-
-
-@pytest.mark.parametrize(
-    "error",
-    [ObjectError("object", 1, "mend it"), StoppedError("mine"), SpeechlessError()],
-    ids=repr,
-)
-def test_errors_like_the_planners_own_are_its_fault_too(error):
-    for ask in ask_all(answering(raising(error))):
-        with pytest.raises(ParameterError, match=type(error).__name__) as caught:
-            ask()
-        assert caught.value.field == "objective"
 
 
 def test_what_it_says_can_be_sent():

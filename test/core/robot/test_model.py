@@ -1,13 +1,11 @@
 """Robots from any URDF: what is derived, what is refused and in which words."""
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError, StartError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.scenes.yumi import HOME, load_yumi, yumi_arm
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 
@@ -33,6 +31,10 @@ def joint(
 
 def urdf(*elements: str) -> str:
     return f'<robot name="test">{"".join(elements)}</robot>'
+
+
+def two(*joints: str) -> str:
+    return urdf(link("a"), link("b"), *joints)
 
 
 def hand_urdf() -> str:
@@ -103,28 +105,24 @@ def test_one_coordinate_per_joint():
         (urdf(link("a"), link("a")), "'a'.*twice"),
         (urdf(link("a"), link("b")), "several trees"),
         (urdf(link("a"), joint("j", "a", "b")), "joint j: child = 'b'"),
-        (urdf(link("a"), link("b"), joint("j", "a", "b", "planar")), "joint j = 'planar'"),
-        (urdf(link("a"), link("b"), joint("j", "a", "b", "floating")), "joint j = 'floating'"),
-        (urdf(link("a"), link("b"), joint("j", "a", "b", limit=None)), "joint j.*<limit>"),
+        (two(joint("j", "a", "b", "planar")), "joint j = 'planar'"),
+        (two(joint("j", "a", "b", "floating")), "joint j = 'floating'"),
+        (two(joint("j", "a", "b", limit=None)), "joint j.*<limit>"),
         (
-            urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit lower="1" upper="0"/>')),
+            two(joint("j", "a", "b", limit='<limit lower="1" upper="0"/>')),
             "joint j.*lower <= upper",
         ),
-        (urdf(link("a"), link("b"), joint("j", "a", "b", xyz="0 nan 0")), "joint j: origin xyz"),
+        (two(joint("j", "a", "b", xyz="0 nan 0")), "joint j: origin xyz"),
         (
-            urdf(link("a"), link("b"), joint("j", "a", "b").replace("0 1 0", "0 0 0")),
+            two(joint("j", "a", "b").replace("0 1 0", "0 0 0")),
             "joint j: axis.*zero",
         ),
         (
-            urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit upper="x"/>')),
+            two(joint("j", "a", "b", limit='<limit upper="x"/>')),
             "joint j: upper = 'x'",
         ),
         (
-            urdf(
-                link("a"),
-                link("b"),
-                joint("j", "a", "b", "prismatic", limit='<limit lower="-inf" upper="0"/>'),
-            ),
+            two(joint("j", "a", "b", "prismatic", limit='<limit lower="-inf" upper="0"/>')),
             "joint j.*finite limits",
         ),
         (
@@ -142,7 +140,7 @@ def test_one_coordinate_per_joint():
             "loop",
         ),
         (
-            urdf(link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")),
+            two(joint("j", "a", "b"), joint("k", "b", "a")),
             "link a = 'b'.*loop",
         ),
     ],
@@ -342,55 +340,11 @@ def with_geometry(shape: str) -> str:
     return urdf(link("thing", f"<collision><geometry>{shape}</geometry></collision>"))
 
 
-def cube(side: float = 0.1, lid: bool = True) -> str:
+def cube(side: float = 0.1) -> str:
     corners = [(x, y, z) for x in (0, side) for y in (0, side) for z in (0, side)]
-    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5)]
-    quads += [(2, 6, 8, 4)] if lid else []
+    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
     lines = [f"v {x} {y} {z}" for x, y, z in corners]
     return "\n".join(lines + [f"f {a} {b} {c}\nf {a} {c} {d}" for a, b, c, d in quads])
-
-
-@pytest.mark.parametrize(("lid", "kind"), [(True, coal.Convex), (False, coal.BVHModelOBBRSS)])
-def test_only_convex_meshes_become_convex(tmp_path, lid, kind):
-    (tmp_path / "cube.obj").write_text(cube(lid=lid))
-    robot = Robot.from_urdf(
-        with_geometry('<mesh filename="cube.obj" scale="1 -2 3"/>'), package_dirs=[tmp_path]
-    )
-    shape = robot.geometry.geometryObjects[0].geometry
-    assert isinstance(shape, kind)
-    points = np.asarray(shape.points() if lid else shape.vertices())
-    assert points.min(axis=0) == pytest.approx([0, -0.2, 0])
-    assert points.max(axis=0) == pytest.approx([0.1, 0, 0.3])
-    inside = coal.collide(
-        shape,
-        coal.Transform3s(),
-        coal.Sphere(0.01),
-        coal.Transform3s(np.eye(3), np.array([0.05, -0.1, 0.15])),
-        coal.CollisionRequest(),
-        coal.CollisionResult(),
-    )
-    assert bool(inside) == lid  # an open box is hollow
-
-
-def test_placements_go_through_fixed_joints():
-    origin = (
-        '<collision><origin xyz="0 0.1 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
-    )
-    robot = Robot.from_urdf(
-        urdf(
-            link("a"),
-            link("b"),
-            link("c", origin),
-            joint("j", "a", "b"),
-            joint("f", "b", "c", "fixed", xyz="1 0 0", limit=None),
-        )
-    )
-    item = robot.geometry.geometryObjects[0]
-    assert item.parentJoint == 1
-    assert item.placement.translation == pytest.approx([1, 0.1, 0])
-    assert robot.link_pose(np.zeros(1), "c").translation == pytest.approx([1, 0, 0.3])
-    with pytest.raises(RobotError, match="'d'"):
-        robot.link_pose(np.zeros(1), "d")
 
 
 def test_mesh_paths(tmp_path):
@@ -457,27 +411,6 @@ def test_links_that_are_only_drawn_are_told():
 
 
 # --- whole robots -------------------------------------------------------------------------------
-
-
-def test_yumi():
-    robot = load_yumi()
-    assert robot.warnings == ()
-    assert robot.root_link == "yumi_body"
-    assert robot.model.nq == 18
-    assert all(isinstance(o.geometry, coal.Convex) for o in robot.geometry.geometryObjects)
-    q = robot.configuration(HOME)
-    assert robot.limit_violations(q) == []
-    data, geometry_data = robot.model.createData(), robot.geometry.createData()
-    assert not pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, q, True)
-    for name, side in (("left", "l"), ("right", "r")):
-        arm = yumi_arm(robot, name)
-        assert arm.joints == tuple(f"yumi_joint_{n}_{side}" for n in (1, 2, 7, 3, 4, 5, 6))
-        assert arm.touch_links == tuple(
-            f"gripper_{side}_{part}" for part in ("base", "finger_r", "finger_l")
-        )
-        opened = robot.with_open_hand(q, arm)
-        for finger in ("joint", "joint_m"):
-            assert opened[robot.index(f"gripper_{side}_{finger}")] == 0.025
 
 
 def test_a_mimicking_joint_may_be_where_its_master_puts_it():

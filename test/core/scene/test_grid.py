@@ -52,26 +52,6 @@ def test_a_step_is_not_closed_sideways():
     assert obstacles.lower[top, 0].min() == pytest.approx(0.0041, abs=1e-9)
 
 
-def test_floor_beside_a_wall_stays_level_up_to_the_wall():
-    obstacles = ObstacleSet.from_points(floor_and_wall(), bounds=BOUNDS)
-    wall = np.abs(obstacles.upper[:, 1] - 0.2033) < 1e-9
-    thin = (obstacles.upper - obstacles.lower)[:, 1] < 1e-9
-    level = np.abs(obstacles.upper[:, 2] - 0.0127) < 0.0006
-    assert level[~(wall & thin)].all()
-    # the wall has not grown away from itself
-    assert (obstacles.lower[~level, 1] == 0.2033).all()
-    # and the floor reaches it, to the spacing of the points
-    assert 0.2 < obstacles.upper[level, 1].max() <= 0.2033
-
-
-def test_one_box_per_cell_when_asked_for():
-    obstacles = ObstacleSet.from_points(
-        floor_and_wall(), GridSettings(max_boxes_per_cell=1), bounds=BOUNDS
-    )
-    assert (obstacles.next == -1).all()
-    assert len(obstacles) == (obstacles.index >= 0).sum()
-
-
 def test_noisy_surface_becomes_level_and_the_corner_stays_usable():
     rng = np.random.default_rng(3)
     floor = plane((-0.25, -0.25, 0.0), (0.25, 0.2, 0.0), 0.002)
@@ -136,14 +116,6 @@ def test_a_sparse_clean_cloud_loses_nothing():
         obstacles = ObstacleSet.from_points(points, GridSettings(cell_size=cell_size), BOUNDS)
         assert obstacles.noise == 0.0
         assert inside_some_box(obstacles, points).all()
-
-
-def test_a_narrow_board_in_one_column_is_two_walls_not_a_stack_of_floors():
-    sides = [plane((-0.2, y, 0.0), (0.2, y, 0.3), 0.008) for y in (0.0, 0.013)]
-    obstacles = ObstacleSet.from_points(np.vstack(sides), GridSettings(cell_size=0.02), BOUNDS)
-    thickness = obstacles.upper - obstacles.lower
-    level = (thickness[:, 2] < 0.001) & (thickness[:, 1] > 0.002)
-    assert not level.any()
 
 
 def test_points_outside_and_nan_are_left_out():

@@ -10,6 +10,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
@@ -242,25 +243,6 @@ def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked()
     assert not len(unknown_cells(nothing, [view], below_measured=True))
 
 
-@pytest.mark.parametrize("height", [0.0512, 0.0531, 0.0545, 0.0575])
-def test_a_full_cell_stays_below_what_covers_it_in_the_cell_above(height):
-    ticks = np.arange(0.0, 0.2001, 0.002)
-    plane = np.stack(np.meshgrid(ticks, ticks, [height]), axis=-1).reshape(-1, 3)
-    bounds = np.array([-0.1, -0.1, 0.0]), np.array([0.3, 0.3, 0.2])
-    obstacles = ObstacleSet.from_points(plane, bounds=bounds)
-    beneath = obstacles.cells - np.array([0, 0, 1], dtype=np.int32)
-    joined = obstacles.with_full_cells(beneath, 0.005)
-    rows = joined.index[tuple(beneath.T)]
-    tops = np.minimum(obstacles.lower[:, 2], joined.lower[rows, 2] + 0.01)
-    assert (joined.upper[rows, 2] <= tops).all()
-    whole = (np.ptp([obstacles.lower, obstacles.upper], axis=0)[:, :2] > 0.00999).all(axis=1)
-    assert 200 < whole.sum() < len(beneath)
-    expected = np.minimum(tops, height - 0.005)
-    assert joined.upper[rows, 2][whole] == pytest.approx(expected[whole], abs=1e-6)
-    full = joined.lower[rows, 2] + 0.01
-    assert joined.upper[rows, 2][~whole] == pytest.approx(full[~whole], abs=1e-6)
-
-
 @pytest.mark.parametrize(
     "bad",
     [
@@ -275,28 +257,35 @@ def test_bad_views_are_refused(bad):
         View(**{"points": np.zeros((3, 3)), "origin": EYE, **bad})
 
 
-def test_an_arm_may_start_but_not_enter_hidden_space():
+@pytest.fixture(scope="module")
+def cabinet():
+    """A problem, and the same with unknown space as obstacle."""
     case = Case("cabinet_high_clutter", "wine_glass", "maximize_clearance", "cameras")
     plain, _ = problem_of(case)
-    robot, arm, q_start = plain.robot, plain.arms[0], plain.q_start
     clouds = camera_clouds(scene_by_name(case.scene), np.random.default_rng(0))
     views = [View(c.world_points(), c.camera.T_world_camera.translation) for c in clouds]
-    careful = Environment.from_points(
+    seen = Environment.from_points(
         np.vstack([v.points for v in views]),
         plain.volume,
-        bounds=workspace(robot, plain.arms, q_start, plain.body, plain.volume),
+        bounds=workspace(plain.robot, plain.arms, plain.q_start, plain.body, plain.volume),
         sights=views,
-    ).with_unknown(
-        outside_robot=lambda points, distance: outside_robot(
-            points, robot, q_start, plain.arms, plain.body, 0.02 + distance
-        ),
     )
-    moving = MovingArm(robot, arm, q_start)
+
+    def outside(points, distance):
+        robot, arms, q, body = plain.robot, plain.arms, plain.q_start, plain.body
+        return outside_robot(points, robot, q, arms, body, 0.02 + distance)
+
+    return plain, replace(plain, environment=seen.with_unknown(outside_robot=outside))
+
+
+def test_an_arm_may_start_but_not_enter_hidden_space(cabinet):
+    plain, arm = cabinet[0], cabinet[0].arms[0]
+    moving = MovingArm(plain.robot, arm, plain.q_start)
     known, hidden = (
-        ArmCollision(moving, AttachedObject(plain.body), each.obstacles)
-        for each in (plain.environment, careful)
+        ArmCollision(moving, AttachedObject(plain.body), each.environment.obstacles)
+        for each in cabinet
     )
-    q = q_start[arm.q_index]
+    q = plain.q_start[arm.q_index]
     assert hidden.free(q)
     rng = np.random.default_rng(0)
     samples = np.ascontiguousarray(rng.uniform(arm.lower, arm.upper, (3000, len(q))))
@@ -304,6 +293,14 @@ def test_an_arm_may_start_but_not_enter_hidden_space():
     assert (free & ~allowed).any()
     assert allowed.any()
     assert not (allowed & ~free).any()
+
+
+def test_unknown_space_below_surfaces_keeps_nothing_from_standing_on_them(cabinet):
+    def height(T):
+        return float(T.translation[2])
+
+    planner = PlacementPlanner(cabinet[1], height, PlannerSettings(), np.random.default_rng(0))
+    assert next(planner.run(lambda: planner.statistics.samples >= 1500), None) is not None
 
 
 def test_the_share_of_the_volume_that_was_seen_is_known():

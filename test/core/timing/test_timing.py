@@ -13,7 +13,6 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.timing.timing import (
     CurveSettings,
-    concatenate_trajectories,
     parameterize_path,
 )
 
@@ -215,26 +214,6 @@ def test_positions_are_the_quintics_and_stand_still_outside():
     np.testing.assert_allclose(positions_at(trajectory, t), q, rtol=0.0, atol=1e-8)
     outside = positions_at(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
     np.testing.assert_array_equal(outside, path[[0, -1]])
-
-
-def test_concatenate_keeps_both_curves():
-    path = random_path(np.random.default_rng(2), 2, 6, 1.0)
-    first = parameterize_path(path[:3], JOINTS, LIMITS, always)
-    second = parameterize_path(path[2:], JOINTS, 0.2 * LIMITS, always)
-    both = concatenate_trajectories(first, second)
-    assert both.duration == pytest.approx(first.duration + second.duration)
-    assert (np.diff(both.times) > 0.0).all()
-    t = np.linspace(0.0, first.duration, 50)
-    np.testing.assert_allclose(positions_at(both, t), positions_at(first, t), atol=1e-12)
-    t = np.linspace(0.0, second.duration, 50)
-    np.testing.assert_allclose(
-        positions_at(both, first.duration + t),
-        positions_at(second, t),
-        atol=1e-9,
-    )
-    still = parameterize_path(path[[2]], JOINTS, LIMITS, always)
-    np.testing.assert_array_equal(concatenate_trajectories(first, still).times, first.times)
-    np.testing.assert_array_equal(concatenate_trajectories(still, second).times, second.times)
 
 
 def test_stop_gives_none():
