@@ -11,31 +11,26 @@ penetration.
 """
 
 from .asked import check_asked
-from .carrying import Way, check_carrying, way_of_object
+from .carrying import check_carrying, way_of_object
 from .check import SolutionChecker
-from .clearance import upright_prisms
 from .curve import check_limits, states_along
 from .insides import piece_voxels
 from .leaning import balance, check_leaning
-from .pieces import Piece, mesh_components, object_pieces
+from .pieces import object_pieces
 from .robot import RobotModel
 from .shapes import convex
 from .stance import check_stance
 from .surface import surface_normal
-from .task import Asked, Curve, Solid, Solution, Task, Tolerances
+from .task import Asked, Solution, Task, Tolerances
 from .world import World
 
 __all__ = [
     "Asked",
-    "Curve",
-    "Piece",
     "RobotModel",
-    "Solid",
     "Solution",
     "SolutionChecker",
     "Task",
     "Tolerances",
-    "Way",
     "World",
     "balance",
     "check_asked",
@@ -44,11 +39,9 @@ __all__ = [
     "check_limits",
     "check_stance",
     "convex",
-    "mesh_components",
     "object_pieces",
     "piece_voxels",
     "states_along",
     "surface_normal",
-    "upright_prisms",
     "way_of_object",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from .asked import check_asked
-from .carrying import Way, check_carrying, way_of_object
+from .carrying import check_carrying
 from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
 from .leaning import check_leaning, touched
@@ -56,10 +56,6 @@ class SolutionChecker:
                 self.robot, task, self.components, tolerances, solution, q_start, states[-1]
             ).check(),
         ]
-
-    def way(self, solution: Solution) -> Way:
-        """The largest tilt and acceleration of the object on its way."""
-        return way_of_object(self.robot, self.task, solution, self._q_start())
 
     def clearance(self, T_world_object: Array) -> float:
         """C: mean distance of the object's voxel centres sideways and upwards, metres."""
@@ -139,6 +135,6 @@ class SolutionChecker:
                 found.append(
                     f"objective: published {solution.objective:.4f}, is {low:.4f} to {high:.4f}"
                 )
-        if previous is not None and solution.objective <= previous + self.tolerances.improvement:
+        if previous is not None and solution.objective <= previous:
             found.append(f"objective: {solution.objective:.6g} after {previous:.6g}")
         return found

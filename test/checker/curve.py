@@ -56,7 +56,7 @@ def check_limits(robot: RobotModel, curve: Curve, tolerances: Tolerances) -> lis
     found = []
     columns = [robot.index[name] for name in curve.joints]
     lower, upper = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
-    speed = robot.model.velocityLimit[columns] * tolerances.velocity_scaling
+    speed = robot.model.velocityLimit[columns]
     limit = tolerances.acceleration_limit
     strength = np.array([limit[n] if isinstance(limit, Mapping) else limit for n in curve.joints])
     parts = [

@@ -1,4 +1,4 @@
-"""Outlines, seen from above, of what stands around, and where what carries it ends."""
+"""Where surfaces end, seen from above, and outlines of what stands there."""
 
 from __future__ import annotations
 
@@ -19,10 +19,6 @@ _RISE = 0.005
 """m above a surface, what rises higher stands on it ..."""
 _BEGIN = 0.02
 """m, ... if it begins no higher above it than that."""
-_BLUR = 0.01
-"""m above and below a thing, it may be taken to be there, too."""
-_OUTSIDE = 5e-4
-"""m beyond an outline nothing else may be."""
 
 
 def ends(task: Task, height: float) -> Iterator[Array]:
@@ -30,7 +26,7 @@ def ends(task: Task, height: float) -> Iterator[Array]:
     tops = list(_tops(task, height))
     around = things(task, height + _RISE, height + _BEGIN)
     for number, outline in enumerate(tops):
-        for places, _ in _sides(outline):
+        for places in _sides(outline):
             kept = np.ones(len(places), bool)
             for other, corners in enumerate(tops):
                 if other != number:
@@ -38,31 +34,6 @@ def ends(task: Task, height: float) -> Iterator[Array]:
             for corners in around:
                 kept &= distances(places, corners) > _BESIDE
             yield places[kept]
-
-
-def outlines(task: Task, low: float, high: float) -> Iterator[Array]:
-    """Places (n, 2) of outlines, thing by thing, at which at some height between those two nothing
-    goes on."""
-    of = []
-    for solid in task.solids:
-        points = np.asarray(solid.vertices)
-        bottom, top = points[:, 2].min(), points[:, 2].max()
-        if top > low and bottom < high:
-            corners = points[ConvexHull(points[:, :2]).vertices, :2]
-            of.append((corners, ConvexHull(corners).equations, bottom, top))
-    seen: set[bytes] = set()
-    for corners, _, bottom, top in of:
-        if np.round(corners, 4).tobytes() in seen:  # stacked, with one outline
-            continue
-        seen.add(np.round(corners, 4).tobytes())
-        places, outward = (np.concatenate(each) for each in zip(*_sides(corners), strict=True))
-        beyond = places + _OUTSIDE * outward
-        heights = np.linspace(max(bottom, low), min(top, high), 30)
-        goes_on = np.zeros((len(places), len(heights)), bool)
-        for _, planes, begin, end in of:
-            within = (beyond @ planes[:, :2].T + planes[:, 2]).max(axis=1) <= 0.0
-            goes_on |= within[:, None] & (heights >= begin - _BLUR) & (heights <= end + _BLUR)
-        yield places[~goes_on.all(axis=1)]
 
 
 def things(task: Task, low: float, high: float) -> list[Array]:
@@ -86,14 +57,11 @@ def _tops(task: Task, height: float) -> Iterator[Array]:
                 yield level[ConvexHull(level).vertices]
 
 
-def _sides(corners: Array) -> Iterator[tuple[Array, Array]]:
-    """Places (n, 2) along each side of an outline (k, 2), the middles of equal pieces of it, and
-    (n, 2) which way is outward."""
+def _sides(corners: Array) -> Iterator[Array]:
+    """Places (n, 2) along each side of an outline (k, 2), the middles of equal pieces of it."""
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        length = float(np.linalg.norm(b - a))
-        number = max(1, int(length / _STEP))
-        places = a + ((np.arange(number) + 0.5) / number)[:, None] * (b - a)
-        yield places, np.tile(np.array([b[1] - a[1], a[0] - b[0]]) / length, (number, 1))
+        number = max(1, int(np.linalg.norm(b - a) / _STEP))
+        yield a + ((np.arange(number) + 0.5) / number)[:, None] * (b - a)
 
 
 def distances(points: Array, corners: Array) -> Array:

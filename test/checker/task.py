@@ -170,7 +170,6 @@ class Tolerances:
         carried: by which the margin of `support_margin` may be undercut.
         objective: between the published ξ and those recomputed from the true solids.
         layer: height of the planner's cells, which ξ may be coarse by (`clearance_bounds`).
-        improvement: by which ξ must exceed the previous one.
         pushing: how much deeper a finger may get into the object while it opens.
         touching: way of the hand, at the longest, on which links that touch the object when the
             hand is open may touch it still; those that have come off before must not meet it again.
@@ -182,7 +181,6 @@ class Tolerances:
     contact: float = 0.003
     step: float = 0.002
     acceleration_limit: float | Mapping[str, float] = np.inf
-    velocity_scaling: float = 1.0
     limit: float = 1e-3
     penetration: float = 2e-5
     flatness: float = 1e-3
@@ -195,7 +193,6 @@ class Tolerances:
     angle: float = np.deg2rad(0.2)
     objective: float = 0.01
     layer: float = 0.01
-    improvement: float = 0.0
     pushing: float = 2e-4
     touching: float = 3.05e-3
     parted: float = 1e-3
