@@ -2,7 +2,6 @@
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 from helpers.right_solution import CHECKER, GOOD, Q_START, TASK, TOLERANCES
 
@@ -25,28 +24,6 @@ def swung() -> tuple[World, np.ndarray]:
     measured = np.stack([low, low + 0.002])
     task = type(TASK)(**{**TASK.__dict__, "measured": measured})
     return World.build(CHECKER.robot, task, CHECKER.components, GOOD, 0.003), states
-
-
-def test_poses_and_ways_are_those_of_pinocchio(swung) -> None:
-    world, states = swung
-    poses, model = Poses(world.robot.model, world.geometry, states), world.robot.model
-    data, placed = model.createData(), world.geometry.createData()
-    before = None
-    things = range(0, world.geometry.ngeoms, 3)
-    for row, state in enumerate(states):
-        pin.updateGeometryPlacements(model, data, world.geometry, placed, state)
-        now = [np.array(T.homogeneous) for T in placed.oMg]
-        for i in things:
-            np.testing.assert_allclose(poses.of(i)[row], now[i], atol=1e-12)
-        if before is not None:
-            for i in things:
-                thing = world.geometry.geometryObjects[i].geometry
-                points = np.array([*thing.points(), np.zeros(3)][:50])[:-1]
-                way = np.linalg.norm(
-                    points @ (now[i] - before[i])[:3, :3].T + (now[i] - before[i])[:3, 3], axis=1
-                )
-                assert way.max() <= np.diff(poses.travel(i))[row - 1] + 1e-12
-        before = now
 
 
 def test_sweeps_find_what_looking_at_every_state_finds(swung) -> None:

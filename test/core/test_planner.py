@@ -1,7 +1,6 @@
 """Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
 
 import itertools
-import re
 from dataclasses import asdict, replace
 from unittest import mock
 
@@ -13,7 +12,7 @@ from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from benchmarks.record import save_solution
-from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
+from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
@@ -110,36 +109,6 @@ def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
     assert "no placement region" in planner.exhausted
     assert planner.cause is Cause.NO_REGION
     assert list(planner.run(lambda: False)) == []
-
-
-def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
-    problem, objective = problem_of(TABLE)
-    left, robot = problem.arms[0], problem.robot
-    q = problem.q_start.copy()
-    other = problem.arms[1]
-    q[left.q_index] = 0.0
-    q[other.q_index] = 0.0
-
-    def refusal(**changes):
-        changed = replace(problem, arms=(left,), **changes)
-        with pytest.raises(StartError) as caught:
-            PlacementPlanner(changed, objective, PlannerSettings(), np.random.default_rng(0))
-        return str(caught.value)
-
-    def surrounded(q):
-        wrist = robot.link_pose(q, left.tip_frame).translation
-        points = wrist + np.random.default_rng(0).uniform(-0.02, 0.02, (500, 3))
-        volume = problem.volume
-        return type(problem.environment).from_points(points, volume)
-
-    itself = refusal(q_start=q)
-    assert "self-collision" in itself
-    assert "clouds" not in itself
-    cloud = refusal(environment=surrounded(problem.q_start))
-    assert re.search(
-        r"with the clouds: (gripper_l_base|yumi_link_[67]_l) meets the environment at \(", cloud
-    )
-    assert "self-collision" not in cloud
 
 
 def test_plans_stay_a_little_within_the_joint_limits():

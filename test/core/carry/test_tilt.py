@@ -97,40 +97,6 @@ def test_turning_about_vertical_axes_costs_nothing():
     assert not constraint.keeps_timed(a, far, np.array([0.0, 0.0, 0.01, 0.0]))
 
 
-@pytest.mark.parametrize("name", ["yumi", "gantry"])
-def test_projection_comes_near_by_within_limits(name):
-    chain, constraint = made(name, 15.0)
-    rng = np.random.default_rng(2)
-    lower, upper = np.maximum(chain.lower, -3.0), np.minimum(chain.upper, 3.0)
-    Q = rng.uniform(lower, upper, (300, chain.dof))
-    projected = [constraint.project(q) for q in Q]
-    there = [(q, p) for q, p in zip(Q, projected, strict=True) if p is not None]
-    assert len(there) > 0.8 * len(Q)
-    for q, p in there:
-        assert constraint.tilt(p) <= constraint.planned
-        assert (p >= chain.lower).all()
-        assert (p <= chain.upper).all()
-        np.testing.assert_array_equal(constraint.project(p), p)
-        # no joint that cannot change the tilt is moved, and the way is not much longer than needed
-        assert np.linalg.norm(p - q) < 3.0 * max(tilts(chain, q[None])[0], 0.05)
-    inside = sum(tilts(chain, Q) <= constraint.planned)
-    assert inside < 0.1 * len(Q), "random configurations hardly ever keep it"
-    if name == "gantry":
-        for q, p in there:
-            np.testing.assert_array_equal(p[:2], q[:2])
-
-
-def test_what_no_joint_can_tilt_back_is_not_projected():
-    robot = Robot.from_urdf(GANTRY)
-    arm = robot.arm("arm", "boom", ["turn", "reach"])
-    chain = Chain.from_robot(robot, arm, np.zeros(4))
-    constraint = TiltConstraint(chain, np.eye(3), TiltLimit(np.array([1.0, 0.0, 1.0]), 0.3))
-    assert constraint.project(np.zeros(2)) is None
-    assert not constraint.keeps_timed(np.zeros(2), np.ones(2), np.zeros(2))
-    upright = TiltConstraint(chain, np.eye(3), TiltLimit(np.array([1.0, 0.0, 1.0]), 0.9))
-    np.testing.assert_array_equal(upright.project(np.ones(2)), np.ones(2))
-
-
 def test_a_limit_needs_a_direction():
     assert CarrySettings().tilt_limit(()) is None
     assert CarrySettings().tilt_limit((0.0, 0.0, 1.0)) is None

@@ -57,22 +57,6 @@ def test_what_overlaps_at_zero_is_left_out_and_told_with_its_share():
     assert f"{left_out.share:.0%}" in said
 
 
-def test_links_that_cannot_be_at_zero_have_no_zero_pose():
-    """At the limit next to zero the arm is folded into itself."""
-
-    def folding(limits):
-        return robot_of(
-            link("a", ("0.1 0.1 0.4", "0 0 0.1")),
-            link("b", ("0.02 0.02 0.02", "0 0 0.9")),
-            link("c", ("0.04 0.04 0.3", "0 0 -0.2")),
-            joint("j", "a", "b", limits=limits, at="0 0 0.3"),
-            joint("k", "b", "c", limits=(-3.0, 3.0), at="0 0.05 0"),
-        )
-
-    assert why(folding((-0.5, 3.0)))["a", "c"].reason == "zero"
-    assert ("a", "c") not in why(folding((0.5, 3.0)))
-
-
 def test_mimic_joints_follow_while_sampling():
     """A tongue between two prongs, on the same axis: only what turns it alone makes them meet."""
     prongs = [("0.01 0.02 0.2", f"{x} 0 0.2") for x in (-0.04, 0.04)]

@@ -53,16 +53,6 @@ def test_bounds_hold_everywhere_and_are_exact_near(obstacles, cap):
     assert below.max() <= np.sqrt(2.0) * CELL + bound.step + 1e-6
 
 
-def test_bound_of_an_empty_set_is_the_cap():
-    empty = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
-    bound = distance_bound_field(empty, 0.2)
-    cells = np.argwhere(np.ones(empty.shape, dtype=bool))
-    levels = levels_of(bound, cells)
-    assert bound.shape == empty.shape
-    assert (levels >= bound.exact).all()
-    assert levels.min() * bound.step >= 0.2 - 1.01 * bound.step
-
-
 def test_a_cap_of_nothing_is_refused(obstacles):
     with pytest.raises(ParameterError):
         distance_bound_field(obstacles, 0.0)

@@ -40,17 +40,6 @@ def obstacles():
     ]
 
 
-def test_a_floor_does_not_bend_up_towards_a_wall(obstacles):
-    """What would stand 1 mm above the floor beside the walls would meet its boxes else."""
-    for each in obstacles:
-        points = each.points
-        inside = (np.abs(points[:, :2]) < VOLUME.upper[:2] - 0.004).all(axis=1)
-        floor = points[inside & (points[:, 2] < 0.006), 2]
-        assert len(floor) > 500
-        assert np.quantile(floor, 0.99) < 0.002
-        assert abs(np.median(floor)) < 0.0005
-
-
 def test_a_floor_carries_up_to_a_low_wall(obstacles):
     settings = RegionSettings()
     xy = np.random.default_rng(1).uniform(-1.0, 1.0, (3000, 2)) * (VOLUME.upper[:2] - 0.007)

@@ -30,7 +30,6 @@ EYE = np.array([-0.8, 0.0, 0.5])
 FLOOR = box("floor", (-1.5, -1.5, -0.05), (1.5, 1.5, 0.004), (0.5, 0.5, 0.5))
 WALL = box("wall", (1.4, -3.0, 0.0), (1.5, 3.0, 2.0), (0.5, 0.5, 0.5))
 CRATE = box("crate", (-0.05, -0.1, 0.004), (0.05, 0.1, 0.154), (0.5, 0.5, 0.5))
-TOP_EDGE_BACK = np.array([0.05, 0.154])
 
 
 def view_of(*parts, eye=EYE, noise=0.0, **changes):
@@ -74,12 +73,6 @@ def cell_of(obstacles, point):
     return tuple(np.floor((np.array(point) - obstacles.origin) / SIZE).astype(int))
 
 
-def under_shadow_line(x):
-    """Height at which the line of sight over the crate's far top edge passes, at y = 0."""
-    edge_x, edge_z = TOP_EDGE_BACK
-    return edge_z - (x - edge_x) * (EYE[2] - edge_z) / (edge_x - EYE[0])
-
-
 def crossed(a, b, lower, upper):
     """How far each segment from a to b (n, 3) runs through a box, as a share of its length."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -110,16 +103,6 @@ def test_cells_that_lines_of_sight_cross_are_seen_free_and_no_others(sensor):
             assert share.max() > -1e-9
         else:
             assert share.max() < 1e-9
-
-
-def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
-    view = view_of(FLOOR, WALL, CRATE)
-    obstacles = measured(view)
-    unknown = mask(obstacles, unknown_cells(obstacles, [view]))
-    for x in (0.1, 0.15, 0.2):
-        column = unknown[cell_of(obstacles, (x, 0.0, 0.0))[:2]]
-        top = obstacles.origin[2] + SIZE * (np.flatnonzero(column).max() + 1)
-        assert top == pytest.approx(under_shadow_line(x), abs=1.5 * SIZE)
 
 
 def test_what_is_seen_free_stays_free_with_and_without_noise():
