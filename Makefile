@@ -13,11 +13,13 @@ DEMO_SECONDS ?= 20
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed
+	@$(BIN)/placement_planner --compile || true
 	@$(BIN)/placement_demo --seconds $(DEMO_SECONDS) --output demo_output
 
 # In as many processes as there are cores, a file in one of them. make test PYTEST_ARGS="-n 0 test/core"
-# runs a part of them in one.
+# runs a part of them in one. They import the checkout, whose kernels are compiled first.
 test: install
+	@$(BIN)/python -m placement_planner_ros placement_planner --compile || true
 	$(BIN)/pytest --numprocesses=auto --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: install
@@ -83,7 +85,6 @@ $(VENV)/.all_dependencies: constraints.txt setup.py pyproject.toml $(VENV)/.setu
 $(VENV)/.installed: $(VENV)/.dependencies package.xml setup.cfg $(SOURCES)
 	@rm -rf build/lib build/bdist.*
 	@$(INSTALL) "installing the package" $(PIP) install --no-deps --force-reinstall .
-	@$(BIN)/placement_planner --compile || true
 	@touch $@
 
 clean:

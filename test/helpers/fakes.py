@@ -106,7 +106,7 @@ class Spinning:
         self._asked.set()
         self._thread.join()
         pooled = isinstance(self._executor, PooledExecutor)
-        ended = not pooled or self._executor.finish(120.0)
+        ended = not pooled or self._executor.finish(COMPILED)
         self._executor.shutdown()
         assert ended, "a callback hangs"
 
