@@ -326,6 +326,7 @@ class PlacementPlanner:
             self.sampler.count,
             finder.rejections,
             tuple(holding.arm.name for holding in finder.holdings),
+            poses.contacts.groups,
         )
         self._search = Search(
             problem,

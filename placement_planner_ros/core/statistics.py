@@ -20,6 +20,7 @@ class Statistics:
         count: goal samples and their verdicts.
         rejections: of these, what became of the tries to reach poses.
         arms: the name of the arm of each of its holdings.
+        groups: what the samples of each feature of the object are counted under.
         goals: goals found, each a candidate for motion planning.
         motion_iterations: iterations of the bidirectional RRTs.
         unreached: motions to goals that could not be certified once timed.
@@ -32,6 +33,7 @@ class Statistics:
     count: SampleCount
     rejections: Rejections
     arms: tuple[str, ...]
+    groups: tuple[str, ...] = ()
     goals: int = 0
     motion_iterations: int = 0
     unreached: int = 0
@@ -62,9 +64,11 @@ class Statistics:
         }
 
     @property
-    def rejected_by_face(self) -> dict[int, dict[str, int]]:
-        """The same of each placement face, by its index."""
-        return {face: _rejected_counts(row) for face, row in enumerate(self.count.by_face)}
+    def rejected_by_group(self) -> dict[str, dict[str, int]]:
+        """The same of each placement face, and of each wall that edges lean on."""
+        return {
+            group: _rejected_counts(row) for group, row in self.count.by_group(self.groups).items()
+        }
 
     @property
     def rejected_by_arm(self) -> dict[str, dict[str, int]]:

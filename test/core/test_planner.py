@@ -176,7 +176,7 @@ def test_what_was_rejected_is_counted_by_face_and_by_arm(sampler):
     )
     assert (by_face.sum(axis=1) > 0).all()
     assert by_face.shape[0] == len(planner._search.problem.body.faces)
-    unstable = sum(each.get("unstable", 0) for each in statistics.rejected_by_face.values())
+    unstable = sum(each.get("unstable", 0) for each in statistics.rejected_by_group.values())
     assert unstable == statistics.rejected["unstable"]
     tries = statistics.rejections.tries
     assert set(statistics.rejected_by_arm) == {"left", "right"}

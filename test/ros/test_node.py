@@ -80,7 +80,10 @@ def test_parts_come_first_carry_the_key_and_are_withdrawn_by_the_next_run(bench,
 def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(bench):
     b = bench()
     planner = started(b)
-    planner.statistics.rejected_by_face = {0: {"unstable": 3, "colliding": 1}, 1: {}}
+    planner.statistics.rejected_by_group = {
+        "face 0": {"unstable": 3, "colliding": 1},
+        "face 1": {},
+    }
     planner.statistics.rejected_by_arm = {"left": {"no_ik": 5}}
     planner.explanation = Explanation("it is full", (Remedy(SENSOR, "look again"),), ("4 of 4",))
     b.wait(lambda: b.status()["why"])

@@ -8,8 +8,6 @@ the object leans.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pinocchio as pin
 
@@ -75,6 +73,7 @@ class LeanContact:
         self._planes = np.array([[*w.normal, -w.offset] for w in self._walls]).reshape(-1, 4)
         self.references = self._edges.references[self._edge_of]
         self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(features)
+        self.groups = tuple(str(self._walls[f.wall]) for f in features)
 
     def _features_before(self, number: int, wall: Wall) -> list[Feature]:
         """The edges that could lean on a wall, with strips of surface there."""
@@ -230,10 +229,7 @@ class LeanContact:
         wall = self._wall(feature)
         up, out = np.array([0.0, 0.0, 1.0]), wall.normal
         normals = [np.tile(n, (len(of), 1)) for n, of in ((up, floor), (out, against))]
-        x, y = against.mean(axis=0)[:2]
-        faces = math.degrees(math.atan2(wall.outward[1], wall.outward[0]))
-        on = f"the wall at ({x:.2f}, {y:.2f}) that faces {faces:.0f} degrees"
-        return Resting("lean", on, np.vstack([floor, against]), np.vstack(normals))
+        return Resting("lean", f"the {wall}", np.vstack([floor, against]), np.vstack(normals))
 
     def missing(self) -> Missing | None:
         """The first that there is none of: a level surface, an edge, a wall, an edge that stays

@@ -9,8 +9,6 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-
 from placement_planner_ros.core.errors import NAMED_THINGS, listed
 from placement_planner_ros.core.explanation.constraint_table import (
     TABLE,
@@ -263,14 +261,12 @@ def _broken_in_words(search: Search) -> str:
 
 
 def _count_words(search: Search, progress: Progress) -> list[str]:
-    """What became of the samples of each face, of those with the most, and of each arm's tries."""
-    by_face = progress.count.by_face
-    # the faces with the most samples
-    totals = by_face.sum(axis=1)
-    most = [
-        face for face in np.argsort(-totals, kind="stable")[:NAMED_THINGS].tolist() if totals[face]
-    ]
-    words = [f"face {face}: {shares_in_words(by_face[face].tolist(), 'samples')}" for face in most]
+    """What became of the samples of faces and walls, of those with the most, and of each arm's
+    tries."""
+    by_group = progress.count.by_group(search.poses.contacts.groups)
+    tried = {group: verdicts for group, verdicts in by_group.items() if verdicts.any()}
+    most = sorted(tried, key=lambda group: -int(tried[group].sum()))[:NAMED_THINGS]
+    words = [f"{group}: {shares_in_words(tried[group].tolist(), 'samples')}" for group in most]
     # tries to reach poses, by the arm that was tried
     names = [holding.arm.name for holding in search.finder.holdings]
     return words + [

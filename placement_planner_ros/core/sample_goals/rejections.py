@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.search.sampler import summed_by_name
 from placement_planner_ros.core.types import Verdict
 
 _REMEMBERED_POSES = 32
@@ -37,7 +38,4 @@ class Rejections:
 
     def by_name(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.int64]]:
         """(|Verdict|,) tries of all holdings that have the same of these names."""
-        totals: dict[str, npt.NDArray[np.int64]] = {}
-        for name, row in zip(names, self.tries.sum(axis=1), strict=True):
-            totals[name] = totals.get(name, np.zeros_like(row)) + row
-        return totals
+        return summed_by_name(names, self.tries.sum(axis=1))

@@ -54,6 +54,11 @@ class Wall:
     _measured: ObstacleSet = field(repr=False)
     _views: Sequence[View] = field(repr=False)
 
+    def __str__(self) -> str:
+        x, y = np.array([*self.extent.mean(axis=1), self.offset]) @ self.rotation[:, :2]
+        faces = math.degrees(math.atan2(self.outward[1], self.outward[0]))
+        return f"wall at ({x:.2f}, {y:.2f}) that faces {faces:.0f} degrees"
+
     @property
     def normal(self) -> Array:
         """(3,) unit, out of the wall."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -100,6 +100,10 @@ class SampleCount:
         """How many ended with each verdict."""
         return dict(zip(Verdict, self.by_face.sum(axis=0).tolist(), strict=True))
 
+    def by_group(self, groups: Sequence[str]) -> dict[str, Index]:
+        """(|Verdict|,) of all features that have the same of these names."""
+        return summed_by_name(groups, self.by_face)
+
     def add(self, verdicts: npt.ArrayLike, faces: npt.ArrayLike = 0) -> None:
         """Count samples with these verdicts, of these faces."""
         # Count by face and verdict in one go.
@@ -111,6 +115,14 @@ class SampleCount:
             counts = np.pad(counts, (0, self.by_face.size - len(counts)))
         self.by_face = self.by_face + counts.reshape(self.by_face.shape)
         self.samples += len(cells)
+
+
+def summed_by_name(names: Sequence[str], counts: Index) -> dict[str, Index]:
+    """The sum of those rows of counts (n, k) that have the same name; names may be more."""
+    totals: dict[str, Index] = {}
+    for name, row in zip(names, counts, strict=False):
+        totals[name] = totals.get(name, np.zeros_like(row)) + row
+    return totals
 
 
 class GoalSampler(Protocol):

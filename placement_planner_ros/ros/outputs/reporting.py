@@ -270,7 +270,7 @@ def _tried(run: Run) -> dict[str, object]:
     if run.planner is None:
         return {}
     statistics = run.planner.statistics
-    by = {f"face_{face}": counts for face, counts in statistics.rejected_by_face.items()}
+    by = {group.replace(" ", "_"): counts for group, counts in statistics.rejected_by_group.items()}
     unreached, most = statistics.missed if statistics.solutions else (0, 0.0)
     return {
         "samples": statistics.samples,
