@@ -288,12 +288,16 @@ class Resting:
         on: what it leans on, in words; '' where it stands.
         points: (k, 3) where it touches, in the world, metres.
         normals: (k, 3) unit, there into the object.
+        friction: (k,) coefficients that count there; 0 where it is held by a push alone.
+        wall: (4, 3) corners of what it leans on, one after the other; (0, 3) where it stands.
     """
 
     contact: str
     on: str
     points: Array
     normals: Array
+    friction: Array
+    wall: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

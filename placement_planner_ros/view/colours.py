@@ -17,6 +17,7 @@ VOLUME: Rgb = (217, 38, 140)
 OBSTACLES: Rgb = (150, 75, 60)
 REGION: Rgb = (90, 140, 215)
 CONTACT: Rgb = (200, 30, 30)
+WALL: Rgb = (128, 77, 180)
 
 _GREYS = np.linspace((125, 132, 145), (190, 196, 205), 64).round().astype(np.uint8)
 """Of points, from below to above."""

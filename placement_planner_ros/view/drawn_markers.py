@@ -20,7 +20,9 @@ class DrawnMarkers:
         object: (n, 3) corners of the object's triangles in its own frame; of no rows where no
             placement is drawn.
         standing: (k, 3) points on what earlier runs have placed.
-        contacts: (m, 2, 3) from where it leans towards what holds it there; none where it stands.
+        contacts: (m, 2, 3) from where it leans towards what holds it there, with the friction cones
+            that count; none where it stands.
+        wall: (3 w, 3) corners of the triangles of what it leans on.
     """
 
     volume: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
@@ -28,12 +30,14 @@ class DrawnMarkers:
     object: Array = field(default_factory=lambda: np.zeros((0, 3)))
     standing: Array = field(default_factory=lambda: np.zeros((0, 3)))
     contacts: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    wall: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(cls, message: MarkerArray) -> DrawnMarkers:
         """Of a message; markers that are none of the node's are left out."""
         boxes, regions, corners = [], np.zeros((0, 3)), np.zeros((0, 3))
         standing, contacts = [np.zeros((0, 3))], np.zeros((0, 2, 3))
+        wall = np.zeros((0, 3))
         for marker in message.markers:
             # what is deleted is not drawn
             if marker.action != Marker.ADD:
@@ -49,13 +53,15 @@ class DrawnMarkers:
             elif marker.ns == "contacts":
                 lines = _marker_points(marker)
                 contacts = lines[: len(lines) // 2 * 2].reshape(-1, 2, 3)
+            elif marker.ns == "wall":
+                wall = _marker_points(marker)
             elif marker.ns == "standing":
                 standing.append(_marker_points(marker))
         volume = np.array(boxes).reshape(-1, 2, 3)
         points = np.vstack(standing)
         # browsers draw nothing at all where one number is none
-        finite = (np.isfinite(each).all() for each in (volume, regions, corners, points, contacts))
-        if not all(finite):
+        drawn = (volume, regions, corners, points, contacts, wall)
+        if not all(np.isfinite(each).all() for each in drawn):
             raise ValueError("it holds numbers that are not finite")
         return cls(
             volume,
@@ -63,6 +69,7 @@ class DrawnMarkers:
             corners[: len(corners) // 3 * 3],
             points,
             contacts,
+            wall[: len(wall) // 3 * 3],
         )
 
 

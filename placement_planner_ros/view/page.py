@@ -229,8 +229,9 @@ class Page:
             self._stage.draw_occupancy(self._obstacles, cell_size)
         if self._is_new("standing", self._markers.standing.tobytes()):
             self._stage.draw_standing(self._markers.standing)
-        if self._is_new("contacts", self._markers.contacts.tobytes()):
-            self._stage.draw_contacts(self._markers.contacts)
+        leaning = self._markers.contacts, self._markers.wall
+        if self._is_new("contacts", tuple(each.tobytes() for each in leaning)):
+            self._stage.draw_contacts(*leaning)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
         # Each placement brings the regions along, mostly those that there were.

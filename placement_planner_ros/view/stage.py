@@ -20,7 +20,7 @@ LAYERS = {
     "placed": "green: where the object will stand",
     "held": "orange: the object now",
     "path": "orange line: its way",
-    "contacts": "red: what holds it where it leans",
+    "contacts": "violet and red: the wall it leans on, and what holds it",
     "volume": "pink: target volume V",
     "regions": "blue: surfaces in V that can carry",
     "standing": "dark green: placed by earlier runs",
@@ -113,9 +113,15 @@ class PageStage:
         steps = np.zeros((0, 2, 3)) if path is None else np.stack([path[:-1], path[1:]], axis=1)
         self._draw_lines("path", steps, colours.HELD, 0.006)
 
-    def draw_contacts(self, lines: Array) -> None:
-        """Lines (n, 2, 3) from where the object leans towards what holds it there."""
-        self._draw_lines("contacts", lines, colours.CONTACT, 0.006)
+    def draw_contacts(self, lines: Array, wall: Array) -> None:
+        """Lines (n, 2, 3) from where the object leans towards what holds it there, and triangles
+        (3 w, 3) of the wall."""
+        self._draw_lines("contacts", lines, colours.CONTACT, 0.002)
+        self._clear("wall")
+        if len(wall):
+            surface = wall, np.arange(len(wall)).reshape(-1, 3)
+            self._parts["wall"] = self._mesh("contacts/wall", surface, colours.WALL)
+            self._parts["wall"].opacity = 0.35  # what is behind it is seen
 
     def draw_volume(self, boxes: Array) -> None:
         """The edges of V's boxes (k, 2, 3)."""

@@ -101,9 +101,9 @@ class ObjectCollision:
         T_world_object: Array,
         direction: Array,
         length: float,
-        leant_on: npt.NDArray[np.bool_],
+        boxes: BoxArrays,
     ) -> bool:
-        """Whether the object keeps the margin from all other boxes on a straight way to a pose.
+        """Whether the object keeps the margin from `boxes_touching` on a straight way to a pose.
 
         At places on the way it keeps half of what lies between them beside the margin.
 
@@ -111,7 +111,6 @@ class ObjectCollision:
             T_world_object: (4, 4) pose at contact.
             direction: (3,) unit, of the way back.
             length: of the way, metres.
-            leant_on: (m,) boxes that it may touch.
         """
         steps = math.ceil(length / _WAY_STEP_M)
         poses = np.repeat(kernel_input(T_world_object)[None], steps + 1, axis=0)
@@ -119,11 +118,18 @@ class ObjectCollision:
         margin = self.settings.collision_margin + self.settings.approach_stray
         margin += 0.5 * length / steps if steps else 0.0
         still = np.zeros(steps + 1)
-        boxes = box_arrays(self._obstacles)._replace(
+        # Where it rests is looked at first: most that meet something do there.
+        return all(
+            self._free(SweptPoses(poses[part], still[part], still[part]), boxes, margin).all()
+            for part in (slice(0, 1), slice(1, None))
+        )
+
+    def boxes_touching(self, leant_on: npt.NDArray[np.bool_]) -> BoxArrays:
+        """The obstacle set, of which (m,) boxes may be touched."""
+        return box_arrays(self._obstacles)._replace(
             tops=np.where(leant_on, 0.0, np.inf),
             support=np.array([0.0, self.settings.contact_tolerance, math.inf, math.inf]),
         )
-        return bool(self._free(SweptPoses(poses, still, still), boxes, margin).all())
 
     def _free(self, poses: SweptPoses, boxes: BoxArrays, margin: float) -> npt.NDArray[np.bool_]:
         answers = np.empty(len(poses.T), dtype=np.int64)

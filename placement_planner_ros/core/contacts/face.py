@@ -102,7 +102,8 @@ class FaceContact:
         face = self.faces[feature]
         normals = np.repeat(-(T_world_object.rotation @ face.normal)[None], len(face.vertices), 0)
         points = face.vertices @ T_world_object.rotation.T + T_world_object.translation
-        return Resting("face", "", points, normals)
+        friction = np.full(len(points), self.support.footing.friction)
+        return Resting("face", "", points, normals, friction, np.zeros((0, 3)))
 
     def missing(self) -> None:
         """Nothing: a search over no region says so itself."""

@@ -13,6 +13,7 @@ Everything is in axes horizontally out of the wall, along its foot, and up.
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -41,22 +42,16 @@ def stays(
         friction: coefficient, of the surface.
         margin: share of the weight that acts at the centre in any horizontal direction.
     """
-    turns = 2.0 * math.pi * np.arange(CONE_SIDES) / CONE_SIDES
-    cone = np.column_stack(
-        [friction * np.cos(turns), friction * np.sin(turns), np.ones(CONE_SIDES)]
-    )
-    normal = [math.cos(tilt), 0.0, math.sin(tilt)]
-    forces = np.vstack([np.tile(cone, (len(floor), 1)), np.tile(normal, (len(wall), 1))])
-    # Forces, and their moments about the centre by the size of the contacts.
-    arms = np.vstack([np.repeat(floor, CONE_SIDES, axis=0), wall]) - center
-    size = max(float(np.abs(arms).max()), 1e-6)
-    wrenches = np.vstack([forces.T, np.cross(arms, forces).T / size])
-    aside = _aside(margin) / math.cos(math.pi / DIRECTIONS)
-    for angle in 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        load = np.array([aside * math.cos(angle), aside * math.sin(angle), -1.0, 0.0, 0.0, 0.0])
-        if nnls(wrenches, -load)[1] > BALANCED:
-            return False
-    return True
+    # Forces (k, 3) by column, of unit push, and where they act.
+    x, y, z = np.hstack([np.tile(_cone(friction), len(floor)), np.zeros((3, len(wall)))])
+    pushes = slice(len(floor) * CONE_SIDES, None)
+    x[pushes], z[pushes] = math.cos(tilt), math.sin(tilt)
+    a, b, c = (np.vstack([np.repeat(floor, CONE_SIDES, axis=0), wall]) - center).T
+    # With their moments about the centre, by the size of the contacts.
+    moments = np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
+    size = max(float(np.abs([a, b, c]).max()), 1e-6)
+    wrenches = np.vstack([x, y, z, moments / size])
+    return all(nnls(wrenches, -load)[1] <= BALANCED for load in _loads(margin))
 
 
 def could_stay(
@@ -79,6 +74,23 @@ def could_stay(
     # Away from it there is a push left, and friction holds the foot.
     slides = np.abs(push * out - sign * aside) > friction * (1.0 - push * up)
     return np.asarray((arm > 0.0) & (push[1] > 0.0) & ~slides.any(axis=0))
+
+
+@functools.cache
+def _cone(friction: float) -> Array:
+    """(3, `CONE_SIDES`) sides of the pyramid that stands for a friction cone."""
+    turns = 2.0 * math.pi * np.arange(CONE_SIDES) / CONE_SIDES
+    return np.stack([friction * np.cos(turns), friction * np.sin(turns), np.ones(CONE_SIDES)])
+
+
+@functools.cache
+def _loads(margin: float) -> Array:
+    """(`DIRECTIONS`, 6) weight with the wrench; those out of the wall and into it first."""
+    aside = _aside(margin) / math.cos(math.pi / DIRECTIONS)
+    turns = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    loads = np.zeros((DIRECTIONS, 6))
+    loads[:, 0], loads[:, 1], loads[:, 2] = aside * np.cos(turns), aside * np.sin(turns), -1.0
+    return loads[np.argsort(-np.abs(loads[:, 0]), kind="stable")]
 
 
 def _aside(margin: float) -> float:

@@ -8,9 +8,12 @@ the object leans.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.contacts.contact_class import Index, Mask, Missing
@@ -18,7 +21,6 @@ from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.contacts.lean_edges import SHORTEST_M, lean_edges
 from placement_planner_ros.core.contacts.lean_features import (
     TOUCHING_M,
-    Feature,
     Reach,
     Reaches,
     Strips,
@@ -55,38 +57,38 @@ class LeanContact:
         self._reaches = Reaches(self._edges, problem.body.center_of_mass, footing)
         self._heights = distinct_heights(problem.environment.regions)
         self._strips = Strips(problem.environment, self._heights, footing)
-        self._leant_on: dict[tuple[int, float], Mask] = {}
-        self._regions: dict[Region, tuple[int, Reach]] = {}
-        features: list[Feature] = []
         self._walls = problem.environment.walls
+        self._behind = functools.cache(
+            lambda wall: self._walls[wall].is_behind(
+                problem.environment.obstacles, footing.contact_tolerance
+            )
+        )
+        self._touchable: dict[tuple[int, float], BoxArrays] = {}
+        # Each feature is an edge with a wall and how it leans there; strips are for some of these.
+        self._regions: dict[Region, tuple[int, Reach]] = {}
+        self._features: list[tuple[int, Reach]] = []
+        edges: list[int] = []
         for number, wall in enumerate(self._walls):
-            features += self._features_before(number, wall)
-        self._features = features
+            reaches = self._reaches.before(wall.tilt)
+            strips = self._strips.before(wall, dict.fromkeys(reaches.values()))
+            self._regions |= {strip: (number, reach) for strip, reach in strips}
+            used = {reach for _, reach in strips}
+            own = [(edge, reach) for edge, reach in reaches.items() if reach in used]
+            edges += [edge for edge, _ in own]
+            self._features += [(number, reach) for _, reach in own]
         # The same as arrays, of features and of walls.
-        self._edge_of = np.array([f.edge for f in features], np.int64)
-        self._wall_of = np.array([f.wall for f in features], np.int64)
-        self._ends = np.array([f.reach[:2] for f in features]).reshape(-1, 2)
+        self._edge_of = np.array(edges, np.int64)
+        self._wall_of = np.array([wall for wall, _ in self._features], np.int64)
+        ends = [(reach.nearest, reach.farthest) for _, reach in self._features]
+        self._ends = np.array(ends).reshape(-1, 2)
         self._tilts = np.array([wall.tilt for wall in self._walls])
         # axes horizontally out of each wall, along its foot, and up; and the plane
         frames = [np.array([[*w.outward, 0.0], w.rotation[0], [0, 0, 1]]).T for w in self._walls]
         self._frames = np.array(frames).reshape(-1, 3, 3)
         self._planes = np.array([[*w.normal, -w.offset] for w in self._walls]).reshape(-1, 4)
         self.references = self._edges.references[self._edge_of]
-        self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(features)
-        self.groups = tuple(str(self._walls[f.wall]) for f in features)
-
-    def _features_before(self, number: int, wall: Wall) -> list[Feature]:
-        """The edges that could lean on a wall, with strips of surface there."""
-        reaches = self._reaches_of(wall)
-        strips = self._strips.before(wall, dict.fromkeys(reaches.values()))
-        self._regions |= {strip: (number, reach) for strip, reach in strips}
-        used = {reach for _, reach in strips}
-        return [Feature(edge, number, reach) for edge, reach in reaches.items() if reach in used]
-
-    def _reaches_of(self, wall: Wall) -> dict[int, Reach]:
-        """From where each edge that could stay before such a wall leans on it."""
-        found = {edge: self._reaches.of(edge, wall.tilt) for edge in range(len(self._edges))}
-        return {edge: reach for edge, reach in found.items() if reach is not None}
+        self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(edges)
+        self.groups = tuple(str(self._walls[wall]) for wall, _ in self._features)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -95,8 +97,7 @@ class LeanContact:
 
     def ranges(self, feature: int, region: Region) -> Ranges:
         """A feature belongs before its own wall, as far from it as it stays."""
-        _, wall, reach = self._features[feature]
-        return ANY_ANGLE if self._regions[region] == (wall, reach) else ()
+        return ANY_ANGLE if self._regions[region] == self._features[feature] else ()
 
     def _distances(self, features: Index, points: Array) -> Array:
         """(n,) m of points (n, 3) horizontally from the walls of features."""
@@ -184,18 +185,18 @@ class LeanContact:
         or below the surface's, is what the object leans on."""
         found = np.zeros(len(T), np.bool_)
         for k, (pose, number, height) in enumerate(zip(T, features, heights, strict=True)):
-            leant_on = self._behind_or_below(int(self._wall_of[number]), float(height))
-            found[k] = self._collision.free_along(pose, self.opening(number), raised, leant_on)
+            boxes = self._boxes_before(int(self._wall_of[number]), float(height))
+            found[k] = self._collision.free_along(pose, self.opening(number), raised, boxes)
         return found
 
-    def _behind_or_below(self, wall: int, height: float) -> Mask:
-        """(m,) boxes of the obstacle set that are of a wall or of a surface, made once for each."""
-        if (wall, height) not in self._leant_on:
-            tolerance, boxes = self._footing.contact_tolerance, self._environment.obstacles
-            tops = boxes.tops(LEVEL)
-            leant_on = (tops <= height + tolerance) | self._walls[wall].is_behind(boxes, tolerance)
-            self._leant_on[wall, height] = leant_on & ~np.isinf(tops)
-        return self._leant_on[wall, height]
+    def _boxes_before(self, wall: int, height: float) -> BoxArrays:
+        """The obstacle set; what is of a wall, or of a surface, may be touched."""
+        if (wall, height) not in self._touchable:
+            behind, tops = self._behind(wall), self._environment.obstacles.tops(LEVEL)
+            below = tops <= height + self._footing.contact_tolerance
+            leant_on = (below | behind) & ~np.isinf(tops)
+            self._touchable[wall, height] = self._collision.boxes_touching(leant_on)
+        return self._touchable[wall, height]
 
     def opening(self, feature: int) -> Array:
         """(3,) between up and out of the wall."""
@@ -229,7 +230,14 @@ class LeanContact:
         wall = self._wall(feature)
         up, out = np.array([0.0, 0.0, 1.0]), wall.normal
         normals = [np.tile(n, (len(of), 1)) for n, of in ((up, floor), (out, against))]
-        return Resting("lean", f"the {wall}", np.vstack([floor, against]), np.vstack(normals))
+        return Resting(
+            "lean",
+            f"the {wall}",
+            np.vstack([floor, against]),
+            np.vstack(normals),
+            np.repeat([self._footing.friction, 0.0], [len(floor), len(against)]),
+            wall.corners,
+        )
 
     def missing(self) -> Missing | None:
         """The first that there is none of: a level surface, an edge, a wall, an edge that stays
@@ -254,7 +262,7 @@ class LeanContact:
             (wall.top - strip.z, reach.touches)
             for wall in self._walls
             for strip, reach in self._strips.before(
-                wall, dict.fromkeys(self._reaches_of(wall).values()), too_low=True
+                wall, dict.fromkeys(self._reaches.before(wall.tilt).values()), too_low=True
             )
             if wall.top - strip.z > footing.contact_tolerance  # not a surface's own side
         ]

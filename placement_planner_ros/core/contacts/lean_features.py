@@ -7,10 +7,10 @@ lies between the distances of its own edges.
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,7 @@ TOUCHING_M = 2e-4
 """m from the surface and from the wall up to which corners of the hull touch."""
 STEP_M = 0.001
 """m between distances from the wall at which it is looked whether an edge could stay."""
-ALIKE_TILT_RAD = 0.005
+ALIKE_TILT_RAD = 0.01
 """rad by which walls differ before which edges are said to stay alike."""
 TRIES = 5
 """Distances at which friction cones tell whether an edge stays at all."""
@@ -37,7 +37,8 @@ SAME_LEVEL_M = 0.003
 """m by which heights of surfaces of one strip differ at most."""
 
 
-class Reach(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Reach:
     """From where an edge leans.
 
     Attributes:
@@ -51,14 +52,6 @@ class Reach(NamedTuple):
     touches: float
     touches_below: float
     half: float
-
-
-class Feature(NamedTuple):
-    """An edge with the wall that the object leans on."""
-
-    edge: int
-    wall: int
-    reach: Reach
 
 
 class Reaches:
@@ -77,19 +70,23 @@ class Reaches:
             np.round([points[0], *sorted(points[1:].round(5).tolist())], 5).tobytes()
             for points in turned
         ]
-        self._known: dict[tuple[bytes, int], Reach | None] = {}
+        self._known: dict[int, dict[int, Reach]] = {}
 
     @property
     def none(self) -> bool:
         """Whether no edge stays anywhere, as far as was asked."""
         return not any(self._known.values())
 
-    def of(self, edge: int, tilt: float) -> Reach | None:
-        """That of an edge before walls that lean back by about so much; None where it stays
-        nowhere."""
-        key = self._shapes[edge], round(tilt / ALIKE_TILT_RAD)
+    def before(self, tilt: float) -> dict[int, Reach]:
+        """Those of the edges that stay before walls that lean back by about so much."""
+        key = round(tilt / ALIKE_TILT_RAD)
         if key not in self._known:
-            self._known[key] = self._reach(edge, key[1] * ALIKE_TILT_RAD)
+            of_shape: dict[bytes, Reach | None] = {}
+            for edge, shape in enumerate(self._shapes):
+                if shape not in of_shape:
+                    of_shape[shape] = self._reach(edge, key * ALIKE_TILT_RAD)
+            of_edges = {edge: of_shape[shape] for edge, shape in enumerate(self._shapes)}
+            self._known[key] = {edge: reach for edge, reach in of_edges.items() if reach}
         return self._known[key]
 
     def _reach(self, edge: int, tilt: float) -> Reach | None:
@@ -165,6 +162,7 @@ class Strips:
     ) -> None:
         self._environment, self._heights = environment, heights
         self._footing = footing
+        self._squares = functools.cache(self._with_surface)
 
     def before(
         self, wall: Wall, reaches: Iterable[Reach], *, too_low: bool = False
@@ -182,8 +180,12 @@ class Strips:
             if not wanted:
                 continue
             farthest = max(reach.farthest for reach in wanted)
-            squares, middles = self._squares_before(wall, height, farthest)
+            squares, middles = self._squares(height)
             away, along = wall.foot_distance(middles), middles @ wall.rotation[0]
+            rows = (away > 0.0) & (away <= farthest + STRIP_M) & (along >= low) & (along <= high)
+            if not rows.any():
+                continue
+            squares, middles, away, along = squares[rows], middles[rows], away[rows], along[rows]
             for reach in wanted:
                 # at least as wide as a square
                 wider = max(0.5 * (STRIP_M - reach.farthest + reach.nearest), 0.0)
@@ -192,12 +194,8 @@ class Strips:
                 rows = np.flatnonzero(own)
                 if len(rows) and not too_low:
                     rows = rows[self._has_ends(wall, reach, middles[rows])]
-                if not len(rows):
-                    continue
-                strip = Region(squares[rows], height)
-                kept = strip.within(self._environment.volume.section(height))
-                if kept is not None:
-                    found.append((kept, reach))
+                if len(rows):
+                    found.append((Region(squares[rows], height), reach))
         return found
 
     def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> npt.NDArray[np.bool_]:
@@ -205,45 +203,37 @@ class Strips:
         touches, with the middle of the edge at (n, 3)."""
         tolerance, margin = self._footing.contact_tolerance, self._footing.edge_margin
         half = max(reach.half - math.sqrt(0.5) * STRIP_M, 0.0)
-        found = np.ones(len(middles), np.bool_)
-        for end in (-half, half):
-            on = middles + end * wall.rotation[0]
-            found &= self._environment.support.supported(on, tolerance)
-            # The wall at the least, or at the greatest height at which it is touched.
-            touched = np.zeros(len(on), np.bool_)
-            for height in (reach.touches, reach.touches_below):
-                up = (on[:, 2] + height - wall.offset * wall.normal[2]) / wall.rotation[1, 2]
-                against = np.column_stack(
-                    [on @ wall.rotation[0], up, np.full(len(on), wall.offset)]
-                )
-                touched |= wall.support.supported(against, tolerance, margin)
-            found &= touched
-        return found
+        ends = middles + np.array([-half, half])[:, None, None] * wall.rotation[0]
+        found = self._environment.support.supported(ends.reshape(-1, 3), tolerance)
+        rows = np.flatnonzero(found.reshape(2, -1).all(axis=0))
+        # The wall at the least, or at the greatest height at which it is touched.
+        heights = np.array([reach.touches, reach.touches_below])[:, None, None]
+        against = np.empty((2, 2, len(rows), 3))
+        against[..., 0] = ends[:, rows] @ wall.rotation[0]
+        above = ends[:, rows, 2] + heights - wall.offset * wall.normal[2]
+        against[..., 1], against[..., 2] = above / wall.rotation[1, 2], wall.offset
+        touched = wall.support.supported(against.reshape(-1, 3), tolerance, margin)
+        result = np.zeros(len(middles), np.bool_)
+        result[rows] = touched.reshape(2, 2, -1).any(axis=0).all(axis=0)
+        return result
 
-    def _squares_before(self, wall: Wall, height: float, farthest: float) -> tuple[Array, Array]:
-        """(k, 4) squares with surface up to a distance from a wall, and (k, 3) their middles."""
-        # A box around that in V, from the origin's foot of the wall at the height on.
-        begin = wall.outward * (wall.offset - height * wall.normal[2]) / math.cos(wall.tilt)
-        ends = itertools.product(wall.extent[:, 0], (0.0, farthest))
-        corners = [begin + u * wall.rotation[0, :2] + d * wall.outward for u, d in ends]
+    def _with_surface(self, height: float) -> tuple[Array, Array]:
+        """(k, 4) squares with surface at a height, what of them lies in V, and (k, 3) middles."""
         volume = self._environment.volume
-        low = np.maximum(np.min(corners, axis=0), volume.lower[:2])
-        high = np.minimum(np.max(corners, axis=0), volume.upper[:2])
-        if (low >= high).any():
-            return np.zeros((0, 4)), np.zeros((0, 3))
-        first = np.floor(low / STRIP_M)
-        count = np.ceil(high / STRIP_M) - first
+        first = np.floor(volume.lower[:2] / STRIP_M)
+        count = np.ceil(volume.upper[:2] / STRIP_M) - first
         i, j = np.meshgrid(*(np.arange(n) for n in count), indexing="ij")
         squares = (first + np.column_stack([i.ravel(), j.ravel()])) * STRIP_M
-        # Those that are before the wall and have surface.
-        middles = np.column_stack([squares + 0.5 * STRIP_M, np.full(len(squares), height)])
-        away = wall.foot_distance(middles)
-        rows = np.flatnonzero((away > 0.0) & (away <= farthest + STRIP_M))
-        rows = rows[
-            self._environment.support.supported(middles[rows], self._footing.contact_tolerance)
-        ]
-        squares = squares[rows]
-        return np.hstack([squares, squares + STRIP_M]), middles[rows]
+        within = Region(np.hstack([squares, squares + STRIP_M]), height).within(
+            volume.section(height)
+        )
+        if within is None:
+            return np.zeros((0, 4)), np.zeros((0, 3))
+        squares = within.rectangles
+        middles = 0.5 * (squares[:, :2] + squares[:, 2:])
+        middles = np.column_stack([middles, np.full(len(squares), height)])
+        rows = self._environment.support.supported(middles, self._footing.contact_tolerance)
+        return squares[rows], middles[rows]
 
 
 def distinct_heights(regions: Iterable[Region]) -> list[float]:

@@ -55,7 +55,7 @@ class Wall:
     _views: Sequence[View] = field(repr=False)
 
     def __str__(self) -> str:
-        x, y = np.array([*self.extent.mean(axis=1), self.offset]) @ self.rotation[:, :2]
+        x, y = np.array([*self.extent.mean(axis=0), self.offset]) @ self.rotation[:, :2]
         faces = math.degrees(math.atan2(self.outward[1], self.outward[0]))
         return f"wall at ({x:.2f}, {y:.2f}) that faces {faces:.0f} degrees"
 
@@ -78,6 +78,13 @@ class Wall:
     def top(self) -> float:
         """z up to where it was measured, metres."""
         return float(self.extent[1, 1] * self.rotation[1, 2] + self.offset * self.rotation[2, 2])
+
+    @property
+    def corners(self) -> Array:
+        """(4, 3) of its extent, one after the other."""
+        (left, low), (right, high) = self.extent
+        at = [(left, low), (right, low), (right, high), (left, high)]
+        return np.array([(*each, self.offset) for each in at]) @ self.rotation
 
     def foot_distance(self, points: Array) -> Array:
         """(n,) m horizontally from where the wall is at the height of points (n, 3)."""
@@ -107,9 +114,12 @@ class Wall:
         out, into = np.maximum(n, 0.0), np.minimum(n, 0.0)
         behind = boxes.upper @ out + boxes.lower @ into <= most
         crossing = ~behind & (boxes.lower @ out + boxes.upper @ into <= most)
-        for row in np.flatnonzero(crossing & (np.diff(boxes.first_point) > 0)):
-            points = boxes.points[boxes.first_point[row] : boxes.first_point[row + 1]]
-            behind[row] = (points @ n).max() <= most
+        rows = np.flatnonzero(crossing & (np.diff(boxes.first_point) > 0))
+        if len(rows):
+            first, count = boxes.first_point[rows], np.diff(boxes.first_point)[rows]
+            begins = np.cumsum(count) - count
+            points = boxes.points[np.repeat(first - begins, count) + np.arange(count.sum())]
+            behind[rows] = np.maximum.reduceat(points @ n, begins) <= most
         return np.asarray(behind)
 
 

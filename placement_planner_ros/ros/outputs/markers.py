@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -22,8 +23,10 @@ _OBJECT = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _PATH = ColorRGBA(r=0.8, g=0.1, b=0.5, a=1.0)
 _STANDING = ColorRGBA(r=0.1, g=0.5, b=0.5, a=1.0)
 _FORCE = ColorRGBA(r=0.1, g=0.2, b=0.8, a=1.0)
+_WALL = ColorRGBA(r=0.5, g=0.3, b=0.7, a=0.35)
 FORCE_LENGTH_M = 0.05
-"""m, of the lines from where a leaning object touches, along what holds it."""
+"""m, of the lines from where a leaning object touches, along what holds it, and of their cones."""
+CONE_SIDES = 12
 MOST_POINTS = 1500
 """Of an object that stands, as all of them go along with every placement."""
 
@@ -69,15 +72,38 @@ def placement_markers(
     corners = body.vertices[body.triangles].reshape(-1, 3)
     placed = _triangles_marker(header, "object", corners, _OBJECT)
     placed.pose = pose_message(T_world_object)
-    lines = np.zeros((0, 3))
+    lines, wall = np.zeros((0, 3)), np.zeros((0, 3))
     if resting is not None and resting.on:
-        # a line from each contact along its normal
-        ends = resting.points + FORCE_LENGTH_M * resting.normals
-        lines = np.stack([resting.points, ends], axis=1).reshape(-1, 3)
-    forces = _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.004)
+        lines, wall = _force_lines(resting), resting.wall[[0, 1, 2, 0, 2, 3]]
+    forces = _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.002)
     # a placement that does not lean deletes the lines of the one before
     forces.action = Marker.ADD if len(lines) else Marker.DELETE
-    return [placed, forces, _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005)]
+    return [
+        placed,
+        forces,
+        _triangles_marker(header, "wall", wall, _WALL),
+        _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005),
+    ]
+
+
+def _force_lines(resting: Resting) -> Array:
+    """(2 m, 3) ends of lines from each contact along its normal, and of friction cones there."""
+    turns = np.linspace(0.0, 2.0 * np.pi, CONE_SIDES + 1)
+    lines = []
+    for point, normal, friction in zip(
+        resting.points, resting.normals, resting.friction, strict=True
+    ):
+        tip = point + FORCE_LENGTH_M * normal
+        lines.append([point, tip])
+        if friction > 0.0:
+            # two directions across the normal, and the rim that they span
+            across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+            across /= np.linalg.norm(across)
+            sides = np.stack([across, np.cross(normal, across)])
+            circle = np.column_stack([np.cos(turns), np.sin(turns)]) @ sides
+            rim = tip + FORCE_LENGTH_M * friction * circle
+            lines += [[point, corner] for corner in rim[1:]] + [*itertools.pairwise(rim)]
+    return np.array(lines).reshape(-1, 3)
 
 
 def _box_markers(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> list[Marker]:
