@@ -102,7 +102,9 @@ def _force_lines(resting: Resting) -> Array:
             sides = np.stack([across, np.cross(normal, across)])
             circle = np.column_stack([np.cos(turns), np.sin(turns)]) @ sides
             rim = tip + FORCE_LENGTH_M * friction * circle
-            lines += [[point, corner] for corner in rim[1:]] + [*itertools.pairwise(rim)]
+            lines += [[point, corner] for corner in rim[1:]] + [
+                list(side) for side in itertools.pairwise(rim)
+            ]
     return np.array(lines).reshape(-1, 3)
 
 
