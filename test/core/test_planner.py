@@ -14,12 +14,9 @@ from benchmarks.cases import Case
 from benchmarks.record import save_solution
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.types import Verdict
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
@@ -92,23 +89,6 @@ def test_it_stops_when_told_before_any_sample():
     assert list(planner.run(lambda: True)) == []
     assert planner.statistics.samples == 0
     assert "no sample" in planner.explain().cause
-
-
-def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
-    problem, _ = problem_of(TABLE)
-    shift = np.array([0.0, 0.0, 0.5])
-    above = TargetVolume(problem.volume.lower + shift, problem.volume.upper + shift)
-    environment = type(problem.environment).from_points(
-        np.zeros((1, 3)), above, bounds=(above.lower, above.upper)
-    )
-    empty = replace(problem, volume=above, environment=environment)
-    objective = make_objective(
-        "maximize_clearance", ObjectiveContext(environment, above, problem.body)
-    )
-    planner = PlacementPlanner(empty, objective, PlannerSettings(), np.random.default_rng(0))
-    assert "no placement region" in planner.exhausted
-    assert planner.cause is Cause.NO_REGION
-    assert list(planner.run(lambda: False)) == []
 
 
 def test_plans_stay_a_little_within_the_joint_limits():

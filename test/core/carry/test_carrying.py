@@ -4,7 +4,6 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from checker import (
     RobotModel,
@@ -29,7 +28,6 @@ from placement_planner_ros.core.grasp.start_state_check import (
 )
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -171,27 +169,3 @@ def test_arms_of_few_joints_keep_both_limits(name, grasp):
     placements = found(problem, objective, settings, 1)
     assert placements
     assert Judge(replace(task, up=up)).faults(placements[0], arm) == []
-
-
-def test_rests_that_lean_more_are_ruled_out_by_name(glass):
-    problem, objective, _ = glass
-    # between its two rests, the nearer one 12 degrees off
-    aside = (float(np.sin(np.radians(12.0))), 0.0, float(np.cos(np.radians(12.0))))
-    carry = CarrySettings(max_tilt=np.radians(11.0))
-    turns = TurnSettings(up=aside, up_tolerance=0.5)
-    # The hand, turned with the grasp, has no way off the glass: that is not what this is about.
-    settings = PlannerSettings(carry=carry, turns=turns, require_retreat=False)
-    q = upright_start(problem, problem.arms[0], 0.5)
-    leaning = problem.arms[0].grasps[0].copy()
-    leaning.rotation = leaning.rotation @ pin.rpy.rpyToMatrix(0.0, -np.radians(12.0), 0.0)
-    arm = replace(problem.arms[0], grasps=(leaning,))
-    planner = PlacementPlanner(
-        replace(problem, q_start=q, arms=(arm,)), objective, settings, np.random.default_rng(0)
-    )
-    assert planner.cause is Cause.NO_FACE
-    assert planner.explain().remedies[0].parameter == "carry.max_tilt"
-    wider = replace(settings, carry=CarrySettings(max_tilt=np.radians(13.0)))
-    planner = PlacementPlanner(
-        replace(problem, q_start=q, arms=(arm,)), objective, wider, np.random.default_rng(0)
-    )
-    assert planner.cause is None

@@ -13,8 +13,6 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, StartError
-from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
-from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 
@@ -93,28 +91,19 @@ def test_how_far_a_joint_is_beyond_which_limit_is_told(problem):
     assert "], 0.0321 beyond its upper limit" in said
 
 
-@pytest.mark.parametrize("usable", [False, True])
-def test_a_margin_too_wide_for_where_the_robot_stands_is_named(problem, usable):
-    """By start, and by the search where the environment was not ready at start."""
-    wide = replace(SETTINGS, collision_margin=0.1)
-    arms, obstacles = problem.arms[:1], problem.environment.obstacles
-    q = problem.q_start.copy()
-    rng = np.random.default_rng(2)
-    while True:  # to where the arm is near something, but free
+def test_a_margin_too_wide_for_where_the_robot_stands_is_named(problem):
+    arms, rng = problem.arms[:1], np.random.default_rng(2)
+    q, obstacles = problem.q_start.copy(), problem.environment.obstacles
+    wide = StartRules(replace(SETTINGS, collision_margin=0.1), obstacles)
+    refusal = None
+    while refusal is None:  # to where the arm is near something, but free
         q[arms[0].q_index] = rng.uniform(arms[0].lower, arms[0].upper)
         with suppress(StartError):
             faults(problem, arms, q, obstacles)
             try:
-                rules = StartRules(wide, obstacles)
-                faults_at_start(problem.robot, arms, q, problem.body, rules)
+                faults_at_start(problem.robot, arms, q, problem.body, wide)
             except StartError as error:
                 refusal = error
-                break
-    if usable:
-        task = replace(problem, arms=arms, q_start=q)
-        with pytest.raises(StartError) as caught:
-            usable_holdings(task, GraspSettings(collision=wide))
-        refusal = caught.value
     assert "nearer than collision_margin = 0.1 m" in str(refusal)
     assert "lower collision_margin" in refusal.remedy
     assert "disable_collisions" not in refusal.remedy

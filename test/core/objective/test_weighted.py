@@ -125,19 +125,6 @@ def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
         assert objective_gradient(smooth, x) == pytest.approx(differences, rel=0.2, abs=0.3)
 
 
-def test_a_weighted_search_publishes_its_terms_and_nears_what_is_asked(table):
-    wishes = WishSettings(terms=("near", "edge"), weights=(2.0, 0.5), near_pose=NEAR)
-    planner = planner_of(table, wishes)
-    placements = list(planner.run(lambda: planner.statistics.samples >= 3000))
-    assert len(placements) >= 2
-    for placement in placements:
-        terms = dict(placement.terms)
-        assert list(terms) == ["near", "edge"]
-        sum_ = 2.0 * terms["near"] / 0.1 + 0.5 * terms["edge"] / 0.05
-        assert placement.objective == pytest.approx(sum_)
-    assert dict(placements[-1].terms)["near"] > -0.1
-
-
 @pytest.mark.parametrize("sampler", ["optimistic", "mcts"])
 def test_what_is_required_is_kept_by_whatever_is_published(table, sampler):
     guided = sampler == "optimistic"

@@ -13,7 +13,6 @@ from placement_planner_ros.core.errors import StartError
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import Verdict
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -126,10 +125,3 @@ def test_a_start_inside_is_refused_whether_or_not_its_sides_are_near(table):
         with pytest.raises(StartError, match="keep_out"):
             planner_of(table, box)
     assert problem.environment.keep_out.shape == (0, 2, 3)
-
-
-def test_where_it_covers_all_it_is_named(table):
-    planner = planner_of(table, (0.1, -0.6, -0.05, 0.75, 0.6, 0.11))
-    assert planner.cause is Cause.NO_REGION
-    assert "keep_out covers every surface" in planner.exhausted
-    assert "keep_out: make its boxes smaller" in planner.exhausted

@@ -4,19 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
+from helpers.footholds import bare_problem
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
+from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import FREE, SeenSpace, View
-from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
 from placement_planner_ros.scenes.primitives import box
@@ -278,12 +282,24 @@ def test_an_arm_may_start_but_not_enter_hidden_space(cabinet):
     assert not (allowed & ~free).any()
 
 
-def test_unknown_space_below_surfaces_keeps_nothing_from_standing_on_them(cabinet):
-    def height(T):
-        return float(T.translation[2])
-
-    planner = PlacementPlanner(cabinet[1], height, PlannerSettings(), np.random.default_rng(0))
-    assert next(planner.run(lambda: planner.statistics.samples >= 1500), None) is not None
+@pytest.mark.parametrize("height", [0.0005, 0.0028, 0.008])
+def test_unknown_space_below_a_table_takes_no_place_from_it(height):
+    """However high it is within its cells: the second time just beyond the contact tolerance."""
+    ticks = np.arange(-0.45, 0.45, 0.004)
+    table = np.stack(np.meshgrid(ticks, ticks, height), axis=-1).reshape(-1, 3)
+    eye, bounds = np.array([0.0, 0.0, 1.0]), ([-0.5, -0.5, -0.1], [0.5, 0.5, 0.6])
+    known = Environment.from_points(table, VOLUME, bounds=bounds, sights=[View(table, eye)])
+    mesh = trimesh.creation.box((0.06, 0.05, 0.04))
+    body, settings = Body.from_mesh(mesh.vertices, mesh.faces), PlannerSettings()
+    shares = []
+    for around in (known, known.with_unknown()):
+        rules = settings.collision, settings.footing, 0.03
+        poses = PoseConstraints(bare_problem(body, around), *rules)
+        rng = np.random.default_rng(0)
+        contacts = np.array([poses.regions[0].sample(rng) for _ in range(300)])
+        verdicts, _ = poses.verdicts(np.zeros(300, int), contacts, rng.uniform(0.0, 6.3, 300))
+        shares.append((verdicts == Verdict.FEASIBLE).mean())
+    assert shares[1] == shares[0] > 0.8
 
 
 def test_the_share_of_the_volume_that_was_seen_is_known():

@@ -15,13 +15,10 @@ from placement_planner_ros.core.search.cell_layout import (
     LOWER,
     UPPER,
     PoseSets,
-    halved_cells,
-    sets_of,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
 from placement_planner_ros.core.search.uniform import UniformPoses
-from placement_planner_ros.core.types import Verdict
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 
@@ -37,40 +34,10 @@ def hierarchy(problem) -> AfrHierarchy:
     )
 
 
-def random_cells(problem, rng: np.random.Generator) -> np.ndarray:
-    """Cells of every size: each whole one, and one branch of its parts per cell down to leaves."""
-    level = hierarchy(problem).sets.cells
-    cells = [level]
-    for _ in range(6):
-        parts = halved_cells(level).reshape(len(level), 8, -1)
-        level = parts[np.arange(len(level)), rng.integers(8, size=len(level))]
-        cells.append(level)
-    return np.concatenate(cells)
-
-
-def poses_in(sets: PoseSets, cells: np.ndarray, rng: np.random.Generator, of_each: int):
-    """Faces, contacts and angles of random poses, as many of each cell, its corners among them."""
-    low, high = cells[:, None, LOWER], cells[:, None, UPPER]
-    share = rng.random((len(cells), of_each, 3))
-    share[:, : of_each // 2] = share[:, : of_each // 2].round()
-    places = (low + share * (high - low)).reshape(-1, 3)
-    draws = sets.draws(np.repeat(sets_of(cells), of_each), places)
-    return draws.face, draws.contact, draws.angle
-
-
 def planner_of(problem, objective, prune=True) -> PlacementPlanner:
     settings = PlannerSettings()
     settings = replace(settings, optimistic=replace(settings.optimistic, prune=prune))
     return PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-
-
-@pytest.fixture(scope="module")
-def sampled(cabinet):
-    """Random cells, and random poses of each of them."""
-    problem, _ = cabinet
-    rng = np.random.default_rng(0)
-    cells = random_cells(problem, rng)
-    return cells, poses_in(hierarchy(problem).sets, cells, rng, 16)
 
 
 def tip_poses(robot, q_rest, arm, Q):
@@ -118,20 +85,6 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
     assert not reach.out_of_reach(PlacedCells(sets, np.array(cells))).any()
     # A metre further out there is nothing but the bound to tell.
     assert reach.out_of_reach(PlacedCells(sets, np.array(away))).mean() > 0.9
-
-
-def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
-    problem, objective = cabinet
-    cells, poses = sampled
-    planner = planner_of(problem, objective)
-    rulings = planner._bounds.rulings(cells)
-    verdicts, _ = planner.sampler._checker._poses.verdicts(*poses)
-    stable = verdicts.reshape(len(cells), -1) > Verdict.UNSTABLE
-    assert stable.any()
-    assert not stable[rulings == Ruling.UNSUPPORTED].any()
-    small = slice(-len(hierarchy(problem).sets.cells), None)
-    never = ~stable[small].any(axis=1) & (rulings[small] != Ruling.OUT_OF_REACH)
-    assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
 
 
 class Treasures:

@@ -1,7 +1,5 @@
 """Which turns keep `object.up` and `object.front`: ranges of θ, and what is published."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -110,27 +108,6 @@ def test_on_a_tilted_table_the_lean_counts():
     planner = planner_of(made, TurnSettings(up=up, up_tolerance=0.08))
     placement = next(planner.run(lambda: planner.statistics.samples >= 1500))
     assert 0.05 < off_by(placement.T_world_object, TurnSettings(up=up))[0] <= 0.08
-
-
-@pytest.mark.parametrize(
-    ("turns", "blamed", "innocent"),
-    [
-        (TurnSettings(up=(1.0, 1.0, 1.0)), "object.up rules out", "object.front"),
-        (TurnSettings(up=(1.0, 1.0, 1.0), front=(1.0, 0.0, 0.0)), "object.up rules", "front "),
-        (
-            TurnSettings(up=(0.0, 0.0, 1.0), front=(0.0, 0.0, 1.0)),
-            "object.up and object.front rule out",
-            "leaves nothing",
-        ),
-    ],
-)
-def test_where_nothing_is_left_code_and_words_name_the_rule(table, turns, blamed, innocent):
-    planner = planner_of(table, turns)
-    assert planner.cause is Cause.NO_FACE
-    assert list(planner.run(lambda: False)) == []
-    assert blamed in planner.exhausted
-    assert innocent not in planner.exhausted
-    assert planner_of(table, replace(turns, up=(), front=())).cause is None
 
 
 @pytest.mark.parametrize("name", ["five", "scara"])
