@@ -100,7 +100,6 @@ def plan(
     moving = [joint for arm in arms for joint in arm.joints]
     q = _configuration(robot, q_start, moving)
     robot.require_plausible(q, [joint for arm in arms for joint in arm.used_joints])
-    robot = robot.standing_at(q)  # the same one for the same q, so that nothing is made twice
     try:
         rng = np.random.default_rng(how.seed)
     except (TypeError, ValueError) as error:

@@ -101,27 +101,10 @@ def test_a_lift_in_the_chain_is_told_with_the_way_to_leave_it_out(bench):
     assert "acceleration limit" not in alone.words
 
 
-def test_links_that_overlap_where_the_robot_stands_are_left_out_and_told(bench):
+@pytest.mark.parametrize("given", [{}, {"robot_description_semantic": '<robot name="tower"/>'}])
+def test_links_that_overlap_where_the_robot_stands_are_told_with_the_line_to_add(bench, given):
     """The forearm lies along the column: their boxes overlap, the robot stands there."""
-    b = bench(**TOWER)
-    stand(b, bend=3.0, swing=0.0)
-    answer = b.call("start")
-    assert answer.code == "OK", answer.text
-    (said,) = [line for line in answer.words.splitlines() if "not checked" in line]
-    assert "overlap where the robot stands" in said
-    assert "robot_description_semantic" in said
-    b.wait(lambda: b.snapshots)
-    first = b.snapshots[0].robot
-    assert any(each.reason == "start" for each in first.left_out)
-    b.call("stop")
-    stand(b)
-    b.wait(lambda: b.call("start").code == "OK", again=lambda: stand(b))  # once it is at rest
-    b.wait(lambda: len(b.snapshots) == 2)
-    assert b.snapshots[1].robot is first, "made once"
-
-
-def test_an_srdf_decides_and_the_line_that_is_missing_is_told(bench):
-    b = bench(**TOWER, robot_description_semantic='<robot name="tower"/>')
+    b = bench(**TOWER, **given)
     stand(b, bend=3.0, swing=0.0)
     answer = b.call("start")
     assert answer.code == "BAD_START"

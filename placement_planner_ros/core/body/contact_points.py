@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.body.tipping import Index
 from placement_planner_ros.core.types import Array
@@ -61,7 +62,8 @@ def touching_points(body: Body, face: PlacementFace) -> Array:
     # Points of all triangles that come near, then those that do themselves.
     plane = float(face.vertices[0] @ face.normal)
     near = (plane - body.vertices @ face.normal)[body.triangles].min(axis=1) <= body.flatness
-    found = _on_triangles(body.vertices[body.triangles[near]])
+    corners = body.vertices[body.triangles[near]]
+    found = np.concatenate([np.zeros((0, 3)), *surface_points(corners, SPACING_M)])
     found = found[plane - found @ face.normal <= body.flatness]
     # In the plane, each once, and no more than are needed.
     T = face.T_face_object
@@ -111,21 +113,6 @@ def _left_of(begin: Array, end: Array, point: Array) -> Array:
     """(n,) positive where the point (2,) lies left of the way from begin to end, each (n, 2)."""
     along, away = end - begin, point - begin
     return np.asarray(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
-
-
-def _on_triangles(corners: Array) -> Array:
-    """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING_M` along their sides."""
-    # Into how many parts the sides of each are divided.
-    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
-    parts = np.maximum(np.ceil(sides / SPACING_M), 1).astype(np.int64)
-    found = [np.zeros((0, 3))]
-    for number in np.unique(parts):
-        # Triangles that are divided alike, at once.
-        i, j = np.meshgrid(*[np.arange(number + 1)] * 2, indexing="ij")
-        within = i + j <= number
-        shares = np.column_stack([i[within], j[within], number - i[within] - j[within]]) / number
-        found.append(np.einsum("kc,tcx->tkx", shares, corners[parts == number]).reshape(-1, 3))
-    return np.concatenate(found)
 
 
 def _thinned_rows(points: Array, side: float, most: int) -> Index:

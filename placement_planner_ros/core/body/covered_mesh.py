@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +12,6 @@ from placement_planner_ros.core.body.convex_cover import (
     Cover,
     convex_cover,
     cover_tolerance,
-    hull_cover,
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
@@ -20,9 +19,6 @@ from placement_planner_ros.core.body.mesh_components import equal_rows
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
-
-MOST_SECONDS = 16.0
-"""Of processor time, that the cover of an object may take."""
 
 CoverMaker = Callable[[Array, Triangles, float], Cover]
 """Makes the cover of vertices (n, 3), triangles (t, 3), within a tolerance, metres."""
@@ -73,20 +69,7 @@ def kept_cover(
 
 
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
-    """A cover made on the spot, unless it is on disk, and kept; the hull where that takes more than
-    `MOST_SECONDS`; `stoppable`."""
-    # From now on, in processor time.
-    end = time.thread_time() + MOST_SECONDS
-
-    def doing() -> None:
-        step("covering the object with convex parts")
-        if time.thread_time() > end:
-            raise TimeoutError
-
-    def make() -> Cover:
-        try:
-            return convex_cover(vertices, triangles, tolerance, doing)
-        except TimeoutError:
-            return hull_cover(vertices, triangles)
-
+    """A cover from disk, or made on the spot and kept; `stoppable`."""
+    doing = functools.partial(step, "covering the object with convex parts")
+    make = functools.partial(convex_cover, vertices, triangles, tolerance, doing)
     return kept_cover(vertices, triangles, tolerance, make)

@@ -296,7 +296,8 @@ class StartState:
             return None
         remedy = (
             "where the robot does stand like this and only its meshes overlap, add to the SRDF "
-            f"(robot_description_semantic): {' '.join(map(srdf_line, met))}"
+            "(robot_description_semantic; without one, to what placement_check_robot --write-srdf "
+            f"writes): {' '.join(map(srdf_line, met))}"
         )
         words = listed([self._overlap_words(*pair) for pair in met])
         return Fault(f"in self-collision: {words}", (remedy, MOVE_ROBOT))

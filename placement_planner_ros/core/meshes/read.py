@@ -19,6 +19,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from collada.common import DaeError
 
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.types import Array
@@ -32,6 +33,22 @@ MAX_BYTES = 64_000_000
 
 MAX_COORDINATE = 1e9
 """Greatest coordinate, in any unit: 64 bits tell 0.1 µm apart there."""
+
+UNREADABLE = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    DaeError,
+    EOFError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    SyntaxError,  # what is no XML
+    TypeError,
+    ValueError,
+    struct.error,
+)
+"""What the loaders are known to raise at a file that is not what its name says."""
 
 _UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
 _NO_SURFACE = re.compile(
@@ -85,7 +102,7 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     Raises:
         OSError: it cannot be opened.
         ValueError: it cannot be read; the message says why.
-        Exception: whatever else loaders raise at what they are given.
+        Exception: another of `UNREADABLE`, as a loader raised it.
     """
     # By its name and size, then by its loader.
     check_header(path)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError, listed
@@ -30,22 +30,17 @@ SAMPLES = 200
 ALWAYS = 0.95
 """A pair that overlaps in this share of them or more is left out, as MoveIt's assistant does."""
 
-OFTEN = 0.5
-"""Above this share a pair of links at most `NEARBY` joints apart is left out."""
-
 NEARBY = 3
-"""Joints between two links up to which their meshes may overlap though the links never meet:
-covers, bearings and cables are drawn larger than they are."""
+"""Joints between two links up to which their meshes may overlap at the zero pose though the links
+never meet: covers, bearings and cables are drawn larger than they are."""
 
-Reason = Literal["adjacent", "always", "often", "zero", "start"]
+Reason = Literal["adjacent", "always", "zero"]
 
-_SRDF_REASON = {"adjacent": "Adjacent", "always": "Always"}
+_SRDF_REASON = {"adjacent": "Adjacent", "always": "Always", "zero": "Default"}
 _WORDS = {
     "adjacent": "adjacent",
     "always": "always overlap",
-    "often": "overlap in most configurations",
     "zero": "overlap at the zero pose",
-    "start": "overlap where the robot stands",
 }
 
 
@@ -55,15 +50,11 @@ class LeftOut:
 
     Attributes:
         links: which.
-        reason: why; `zero` and `start` are the poses at which their meshes overlap.
-        joints: movable joints between them.
-        share: of random configurations in which they overlap.
+        reason: why; at `zero` their meshes overlap, which are close in the chain.
     """
 
     links: Pair
     reason: Reason
-    joints: int
-    share: float = field(default=0.0, compare=False)
 
     @property
     def can_hide(self) -> bool:
@@ -73,13 +64,10 @@ class LeftOut:
     @property
     def srdf(self) -> str:
         """The line of an SRDF that says the same."""
-        return srdf_line(self.links, _SRDF_REASON.get(self.reason, "User"))
+        return srdf_line(self.links, _SRDF_REASON[self.reason])
 
     def __str__(self) -> str:
-        words = f"{self.links[0]} and {self.links[1]} {_WORDS[self.reason]}"
-        if self.share:
-            words += f", in {self.share:.0%} of random configurations"
-        return words
+        return f"{self.links[0]} and {self.links[1]} {_WORDS[self.reason]}"
 
 
 def sorted_pair(a: str, b: str) -> Pair:
@@ -149,11 +137,11 @@ def derive_allowed_pairs(
     """Pairs to leave out where no SRDF says so, sorted by name.
 
     Neighbours (one joint between them; links without geometry are looked through), pairs that
-    overlap in at least the share `ALWAYS` of `SAMPLES` random configurations, and of those at most
-    `NEARBY` joints apart the ones that overlap at the zero pose or in more than the share `OFTEN`.
-    Links below a joint that cannot be at zero have no zero pose: at the limit next to it an arm
-    may well be folded into itself. All of it on the triangles of the meshes; the configurations
-    are the same at each call, and mimicking joints follow their masters.
+    overlap in at least the share `ALWAYS` of `SAMPLES` random configurations, and those at most
+    `NEARBY` joints apart that overlap at the zero pose. Links below a joint that cannot be at zero
+    have no zero pose: at the limit next to it an arm may well be folded into itself. All of it on
+    the triangles of the meshes; the configurations are the same at each call, and mimicking joints
+    follow their masters.
 
     Args:
         ties: (k, 4) as of an `Arm`, of all joints.
@@ -165,49 +153,42 @@ def derive_allowed_pairs(
     links = sorted(set(geometry_links))
     joint = {link: model.frames[model.getFrameId(link, BODY)].parentJoint for link in links}
     neighbours = _neighbouring_links(model, links)
-    apart = {(a, b): joints_between(model, joint[a], joint[b]) for a, b in combinations(links, 2)}
-    found = [LeftOut(p, "adjacent", apart[p]) for p in neighbours]
-    undecided = [p for p in apart if p not in neighbours and joint[p[0]] != joint[p[1]]]
-    pairs = LinkPairs(undecided, model, geometry, geometry_links, covers)
+    found: dict[Pair, Reason] = dict.fromkeys(neighbours, "adjacent")
+    undecided = [
+        p for p in combinations(links, 2) if p not in neighbours and joint[p[0]] != joint[p[1]]
+    ]
+    rows = _shape_rows(undecided, geometry_links)
+    overlaps, data = Overlaps.of(geometry, covers), model.createData()
+    shapes = [(g.parentJoint, pin.SE3(g.placement)) for g in geometry.geometryObjects]
+
+    def meeting_at(q: Array) -> set[int]:
+        # Shapes where the joints put them; balls around them first.
+        pin.forwardKinematics(model, data, q)
+        placed = [data.oMi[moved_by] * T_joint_shape for moved_by, T_joint_shape in shapes]
+        meeting: set[int] = set()
+        for i, j, number in rows[overlaps.near(rows, placed)].tolist():
+            if number not in meeting and overlaps.meet(i, j, placed[i], placed[j]):
+                meeting.add(number)
+        return meeting
 
     # The zero pose, of links below joints that can be there.
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
     zero = follow_masters(ties, np.clip(np.zeros(model.nq), lower, upper))
     moved = {n + 1 for n in np.flatnonzero(zero).tolist() if n not in ties[:, 0]}
-    # The share that each pair needs; at the zero pose any.
-    needed = np.array([OFTEN if apart[p] <= NEARBY else ALWAYS for p in undecided])
-    at_zero = {
-        n
-        for n in pairs.meeting_at(zero)
-        if apart[undecided[n]] <= NEARBY
-        and not any(moved.intersection(model.supports[joint[link]]) for link in undecided[n])
-    }
-    needed[list(at_zero)] = 0.0
-    # Random configurations, of which each pair needs a share.
+    for a, b in (undecided[n] for n in meeting_at(zero)):
+        ways = [set(model.supports[joint[link]]) for link in (a, b)]
+        if len(ways[0] ^ ways[1]) <= NEARBY and not moved & (ways[0] | ways[1]):
+            found[a, b] = "zero"
+    # Random configurations; what cannot come to its share any more is not looked at again.
     seen, rng = np.zeros(len(undecided), dtype=np.int64), np.random.default_rng(0)
     for left in range(SAMPLES - 1, -1, -1):
-        if not len(pairs.rows):
+        if not len(rows):
             break
-        step("finding links that overlap in most configurations")
-        q = follow_masters(ties, rng.uniform(lower, upper))
-        seen[list(pairs.meeting_at(q))] += 1
-        # What cannot come to the share that it needs any more is not looked at again.
-        pairs.rows = pairs.rows[(seen + left >= needed * SAMPLES)[pairs.rows[:, 2]]]
-    # What is left has come to its share.
-    for number in sorted(set(pairs.rows[:, 2].tolist())):
-        links_, share = undecided[number], float(seen[number] / SAMPLES)
-        if share >= ALWAYS:
-            found.append(LeftOut(links_, "always", apart[links_], share))
-        elif number in at_zero:
-            found.append(LeftOut(links_, "zero", apart[links_], share))
-        elif share > OFTEN and apart[links_] <= NEARBY:
-            found.append(LeftOut(links_, "often", apart[links_], share))
-    return tuple(sorted(found, key=lambda left_out: left_out.links))
-
-
-def joints_between(model: pin.Model, a: int, b: int) -> int:
-    """Movable joints on the way from what one joint carries to another."""
-    return len(set(model.supports[a]) ^ set(model.supports[b]))
+        step("finding links that always overlap")
+        seen[list(meeting_at(follow_masters(ties, rng.uniform(lower, upper))))] += 1
+        rows = rows[(seen + left >= ALWAYS * SAMPLES)[rows[:, 2]]]
+    found |= {undecided[number]: "always" for number in set(rows[:, 2].tolist())}
+    return tuple(LeftOut(*each) for each in sorted(found.items()))
 
 
 def _neighbouring_links(model: pin.Model, links: list[str]) -> set[Pair]:
@@ -224,76 +205,15 @@ def _neighbouring_links(model: pin.Model, links: list[str]) -> set[Pair]:
     return found
 
 
-class LinkPairs:
-    """The shapes of some pairs of links.
-
-    Attributes:
-        pairs: the links, numbered.
-        rows: (n, 3) every pair of shapes of each of them, and its number.
-    """
-
-    def __init__(
-        self,
-        pairs: Sequence[Pair],
-        model: pin.Model,
-        geometry: pin.GeometryModel,
-        geometry_links: tuple[str, ...],
-        covers: tuple[LinkCover | None, ...],
-    ) -> None:
-        self.pairs = tuple(pairs)
-        self._model = model
-        self._shapes = [(g.parentJoint, pin.SE3(g.placement)) for g in geometry.geometryObjects]
-        self._overlaps = Overlaps.of(geometry, covers)
-        # Every shape of the one link against every shape of the other.
-        of_link: dict[str, list[int]] = {}
-        for i, link in enumerate(geometry_links):
-            of_link.setdefault(link, []).append(i)
-        rows = [
-            (i, j, number)
-            for number, (a, b) in enumerate(self.pairs)
-            for i in of_link[a]
-            for j in of_link[b]
-        ]
-        self.rows = np.array(rows, dtype=np.int64).reshape(-1, 3)
-
-    @classmethod
-    def that_are_checked(
-        cls,
-        model: pin.Model,
-        geometry: pin.GeometryModel,
-        geometry_links: tuple[str, ...],
-        covers: tuple[LinkCover | None, ...],
-    ) -> LinkPairs:
-        """Those at most `NEARBY` joints apart that a robot's self-collision checks look at."""
-        joints = [thing.parentJoint for thing in geometry.geometryObjects]
-        near = {
-            sorted_pair(geometry_links[p.first], geometry_links[p.second])
-            for p in geometry.collisionPairs
-            if joints_between(model, joints[p.first], joints[p.second]) <= NEARBY
-        }
-        return cls(sorted(near), model, geometry, geometry_links, covers)
-
-    def meeting_at(self, q: Array) -> set[int]:
-        """Numbers of the pairs whose meshes overlap at q (nq,)."""
-        data = self._model.createData()
-        # Shapes where the joints put them; balls around them first.
-        pin.forwardKinematics(self._model, data, q)
-        placed = [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in self._shapes]
-        found: set[int] = set()
-        for i, j, number in self.rows[self._overlaps.near(self.rows, placed)].tolist():
-            if number not in found and self._overlaps.meet(i, j, placed[i], placed[j]):
-                found.add(number)
-        return found
-
-    def left_out_at(self, q: Array) -> tuple[LeftOut, ...]:
-        """Those that overlap at q (nq,), where the robot stands: they are not in each other."""
-        # Those that overlap, and the joints between them.
-        links = [self.pairs[number] for number in sorted(self.meeting_at(q))]
-        joint = [
-            [self._model.frames[self._model.getFrameId(link, BODY)].parentJoint for link in both]
-            for both in links
-        ]
-        return tuple(
-            LeftOut(both, "start", joints_between(self._model, *ids))
-            for both, ids in zip(links, joint, strict=True)
-        )
+def _shape_rows(pairs: list[Pair], geometry_links: tuple[str, ...]) -> npt.NDArray[np.int64]:
+    """(n, 3) every shape of the one link with every shape of the other, and the pair's number."""
+    of_link: dict[str, list[int]] = {}
+    for i, link in enumerate(geometry_links):
+        of_link.setdefault(link, []).append(i)
+    rows = [
+        (i, j, number)
+        for number, (a, b) in enumerate(pairs)
+        for i in of_link[a]
+        for j in of_link[b]
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)

@@ -105,7 +105,7 @@ class Description:
                     ET.SubElement(copy, part.tag, known)
         try:
             return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
-        except Exception as error:  # whatever pinocchio raises at what it is given
+        except (RuntimeError, ValueError) as error:  # as C++ raises at what it is given
             raise RobotError(
                 "robot_description", self.root.get("name"), f"is refused: {error}"
             ) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -25,8 +25,8 @@ from placement_planner_ros.core.body.convex_cover import (
 from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
-from placement_planner_ros.core.errors import RobotError, listed
-from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.robot.description import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
@@ -113,28 +113,8 @@ class MeshFiles(Protocol):
         ...
 
     def read(self, path: Path) -> tuple[Array, Triangles]:
-        """Vertices (n, 3) and triangles (t, 3); any Exception says why there are none."""
+        """Vertices (n, 3) and triangles (t, 3); one of `UNREADABLE` says why there are none."""
         ...
-
-
-class ShapesError(RobotError):
-    """Several collision shapes are unusable.
-
-    Attributes:
-        faults: of one shape each.
-        grouped: all of them, those with the same remedy on one line.
-    """
-
-    def __init__(self, faults: Sequence[RobotError]) -> None:
-        self.faults = tuple(faults)
-        # Faults with one remedy are told together.
-        alike: dict[str, list[str]] = {}
-        for fault in faults:
-            alike.setdefault(fault.remedy, []).append(f"{fault.field} {fault.value!s:.200}")
-        lines = [f"{listed(which, '; ', most=20)}: {remedy}" for remedy, which in alike.items()]
-        self.grouped = "\n".join(lines)
-        number = f"{len(faults)} collision shapes"
-        super().__init__("robot_description", number, "cannot be used. " + ". ".join(lines))
 
 
 def build_geometry(
@@ -162,21 +142,15 @@ def build_geometry(
     geometry = pin.GeometryModel()
     links: list[str] = []
     keys: list[_Key | None] = []
-    faults: list[RobotError] = []
     points: list[str] = []
-    # Each shape of each link, all faults together.
+    # Each shape of each link.
     for link in root.findall("link"):
         name = str(link.get("name"))
         frame_id = model.getFrameId(name, pin.FrameType.BODY)
         frame = model.frames[frame_id]
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
-            try:
-                read = _read_shape(element, name, field, meshes)
-                T_link_shape = read_origin(element, field)
-            except RobotError as error:
-                faults.append(error)
-                continue
+            read = _read_shape(element, name, field, meshes)
             if read is None:
                 points.append(f"{field}: a shape of no size is left out")
                 continue
@@ -186,14 +160,12 @@ def build_geometry(
                     f"{name}_{index}",
                     frame.parentJoint,
                     frame_id,
-                    frame.placement * T_link_shape,
+                    frame.placement * read_origin(element, field),
                     shape,
                 )
             )
             links.append(name)
             keys.append(key)
-    if faults:
-        raise faults[0] if len(faults) == 1 else ShapesError(faults)
     # Covers of the meshes that are not convex.
     soups = list(meshes.soups.values())
     made = [
@@ -242,38 +214,33 @@ class _Folders:
     """Mesh files below package folders."""
 
     def __init__(self, package_dirs: PackageDirs) -> None:
-        self._package_dirs = package_dirs
+        named = package_dirs.items() if isinstance(package_dirs, Mapping) else None
+        self._named = [(name, Path(folder)) for name, folder in named or ()]
+        self._folders = [] if named else [Path(folder) for folder in package_dirs]
 
     def find(self, uri: str) -> Path:
         """The file a mesh URI names: package://, file://, absolute, or relative to a folder."""
         parts = urlparse(uri)
+        path, package = unquote(parts.path), parts.netloc
         if parts.scheme not in ("package", "file", ""):
             raise FileNotFoundError("use package://, file:// or a path")
-        if parts.scheme == "package" and not parts.netloc:
+        if parts.scheme == "package" and not package:
             raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
         # Folders that it may be below, and its path from there.
-        places, path = [Path()], unquote(parts.path)
+        places = [Path()]
         if parts.scheme == "package":
-            places, path = self._packages(parts.netloc), path.lstrip("/")
+            named = [*self._named, *((folder.name, folder) for folder in self._folders)]
+            places = [folder for name, folder in named if name == package]
+            places += [folder / package for folder in self._folders]
+            path = path.lstrip("/")
         elif not parts.scheme:
-            places, path = [Path(), *map(Path, self._folders)], uri
+            places += [*(folder for _, folder in self._named), *self._folders]
+            path = uri
         for place in places:
             if (place / path).is_file():
                 return (place / path).resolve()
-        tried = ", ".join(map(str, places)) or f"package_dirs, which have no {parts.netloc}"
+        tried = ", ".join(map(str, places)) or f"package_dirs, which have no {package}"
         raise FileNotFoundError(f"no such file; tried {tried}")
-
-    @property
-    def _folders(self) -> Collection[str | Path]:
-        dirs = self._package_dirs
-        return dirs.values() if isinstance(dirs, Mapping) else dirs
-
-    def _packages(self, name: str) -> list[Path]:
-        """Folders of a package of that name."""
-        if isinstance(self._package_dirs, Mapping):
-            return [Path(self._package_dirs[name])] if name in self._package_dirs else []
-        folders = [Path(folder) for folder in self._package_dirs]
-        return [*(folder / name for folder in folders), *(f for f in folders if f.name == name)]
 
     def read(self, path: Path) -> tuple[Array, Triangles]:
         """Vertices and triangles of a file."""
@@ -324,9 +291,7 @@ class _Meshes:
     def _arrays(self, path: Path, field: str) -> tuple[Array, Triangles]:
         try:
             vertices, triangles = self._files.read(path)
-        except RobotError:
-            raise
-        except Exception as error:  # whatever loaders raise at what they are given
+        except UNREADABLE as error:
             reason = str(error) or type(error).__name__
             raise RobotError(f"{field}: mesh", str(path), f"cannot be read: {reason}") from error
         # Too many triangles, here or together with those before.
@@ -350,14 +315,10 @@ def mesh_shape(
     Raises:
         RobotError: empty, not finite, degenerate or larger than `MAX_EXTENT`.
     """
-    # What no link has.
+    # Not larger than a link may be.
     vertices = vertices * scale
-    if not len(vertices) or not len(triangles):
-        raise RobotError(field, name, "is empty")
-    # Coordinates that no link has.
-    bad = int((~np.isfinite(vertices).all(axis=1)).sum())
-    if bad:
-        raise RobotError(field, name, f"has {bad} vertices that are not finite")
+    if not len(vertices) or not len(triangles) or not np.isfinite(vertices).all():
+        raise RobotError(field, name, "is empty, or has vertices that are not finite")
     extent = float(np.max(np.ptp(vertices, axis=0)))
     if extent > MAX_EXTENT:
         raise RobotError(

@@ -78,15 +78,12 @@ class MeshSurface:
         self._most = most
 
     @cached_property
-    def pieces(self) -> tuple[Array, ...]:
-        """(n, 3) of each connected piece, points that are outermost in some direction; the largest
-        first."""
+    def pieces(self) -> Array:
+        """(n, 3) a point of each connected piece, the largest pieces first."""
         rows = np.arange(self.triangles.size // 3).reshape(-1, 3)
-        # The largest pieces, and of each what is outermost.
         made = Components.of(self.triangles.reshape(-1, 3), rows)
-        largest = np.argsort(-np.bincount(made.label), kind="stable")[: self._most]
-        pieces = (made.corners[made.label == k].reshape(-1, 3) for k in largest)
-        return tuple(map(outermost, pieces))
+        _, first, size = np.unique(made.label, return_index=True, return_counts=True)
+        return np.asarray(made.corners[first[np.argsort(-size, kind="stable")[: self._most]], 0])
 
 
 class Overlaps:
@@ -113,7 +110,6 @@ class Overlaps:
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
         self._surfaces = {i: each for i, each in enumerate(surfaces) if each is not None}
-        self._pieces: dict[int, tuple[Array, ...]] = {}
         self._corners: dict[int, Array] = {}
 
     def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
@@ -244,29 +240,16 @@ class Overlaps:
     def _holds(self, outer: int, inner: int, T_outer_inner: pin.SE3) -> bool:
         if not is_mesh(self.shapes[outer]):
             return False  # a solid: coal has answered
-        # Not within its box: not within it.
-        box = self.shapes[outer].aabb_local
-        lower, upper = np.asarray(box.min_), np.asarray(box.max_)
-        middle = T_outer_inner.act(self.centers[inner])
-        reach = self.radii[inner]
-        if (middle + reach < lower).any() or (middle - reach > upper).any():
-            return False
         # A piece whose surface meets none is inside with any of its points.
-        for piece in self._pieces_of(inner):
-            points = piece @ T_outer_inner.rotation.T + T_outer_inner.translation
-            inside = bool(((points >= lower) & (points <= upper)).all())
-            if inside and winding_number(points[0], self._surfaces[outer].triangles) > 0.5:
-                return True
-        return False
-
-    def _pieces_of(self, i: int) -> tuple[Array, ...]:
-        if i not in self._pieces:
-            shape = self.shapes[i]
-            if is_mesh(shape):
-                self._pieces[i] = self._surfaces[i].pieces
-            else:
-                self._pieces[i] = (self.centers[i : i + 1],)
-        return self._pieces[i]
+        box = self.shapes[outer].aabb_local
+        pieces = (
+            self._surfaces[inner].pieces if is_mesh(self.shapes[inner]) else self.centers[inner]
+        )
+        points = pieces.reshape(-1, 3) @ T_outer_inner.rotation.T + T_outer_inner.translation
+        within = ((points >= box.min_) & (points <= box.max_)).all(axis=1)
+        return any(
+            winding_number(point, self._surfaces[outer].triangles) > 0.5 for point in points[within]
+        )
 
 
 @lru_cache(maxsize=8)
@@ -303,27 +286,16 @@ def winding_number(point: Array, triangles: Array) -> float:
     """How often a surface (t, 3, 3) goes around a point (3,): 0 outside, 1 inside of a closed one,
     of an open one the share of the view that it covers; without its sign."""
     # The solid angle of each triangle, added up.
-    a, b, c = (triangles[:, k].T - point[:, None] for k in range(3))
-    la, lb, lc = (np.sqrt(_dot_products(v, v)) for v in (a, b, c))
-    triple = a[0] * (b[1] * c[2] - b[2] * c[1])
-    triple += a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-    dots = (
-        la * lb * lc
-        + _dot_products(a, b) * lc
-        + _dot_products(b, c) * la
-        + _dot_products(c, a) * lb
-    )
-    return abs(float(np.arctan2(triple, dots).sum())) / (2.0 * np.pi)
+    a, b, c = (triangles - point).transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    triple = _dot_products(a, np.cross(b, c))
+    dots = _dot_products(a, b) * lc + _dot_products(b, c) * la + _dot_products(c, a) * lb
+    return abs(float(np.arctan2(triple, la * lb * lc + dots).sum())) / (2.0 * np.pi)
 
 
 def _dot_products(u: Array, v: Array) -> Array:
-    """(n,) products of vectors (3, n)."""
-    return np.asarray(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
-
-
-def outermost(points: Array) -> Array:
-    """Those (k, 3) of points (n, 3) that are outermost in some direction."""
-    return np.asarray(points[np.unique((points @ _cube_directions().T).argmax(axis=0))])
+    """(n,) products of vectors (n, 3)."""
+    return np.asarray(np.einsum("ij,ij->i", u, v))
 
 
 def _moved_along(T: pin.SE3, ways: Array) -> Iterator[pin.SE3]:

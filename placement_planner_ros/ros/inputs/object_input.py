@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.disk_cache import digest_of
@@ -30,6 +29,9 @@ from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, 
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
+
+COVER_TIME_S = 16.0
+"""Of processor time, that the cover of an object may take."""
 
 Triangles = npt.NDArray[np.int64]
 Source = Literal["none", "topic", "mesh", "vertices"]
@@ -235,7 +237,7 @@ class ObjectInput:
                         f"cover of the object ({len(triangles):,} triangles), once for each mesh"
                     )
                     began = partial(self.reading.tell, words)
-                    cover = partial(cover_in, process, began=began, seconds=MOST_SECONDS)
+                    cover = partial(cover_in, process, began=began, seconds=COVER_TIME_S)
                     middle = np.array(center) if center else None
                     body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
             except (ValueError, OSError) as error:

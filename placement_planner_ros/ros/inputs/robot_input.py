@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import (
     ParameterError,
@@ -33,8 +31,6 @@ from placement_planner_ros.share import share_path
 
 _PARTS = ("joints", "grasps", "touch_links", "gripper_joints", "gripper_open")
 """Of an arm's parameters, those that are lists."""
-STILL_JOINT = 1e-3
-"""rad or m by which a joint may have moved, for meshes to be where they were."""
 
 
 class DescriptionError(RobotError):
@@ -67,7 +63,6 @@ class RobotInput:
         self._lock = threading.Lock()
         self._frame = str(parameters["planning_frame"])
         self._files = files
-        self._stood: tuple[Robot, Robot, Array] | None = None  # as read, as learned there, where
         self.reading: Reading[Robot] = Reading("robot", DescriptionError, _read_words, log)
         self.joint_names: frozenset[str] = frozenset()
         self.continuous_joints: frozenset[str] = frozenset()
@@ -113,33 +108,13 @@ class RobotInput:
 
     @property
     def robot(self) -> Robot:
-        """The robot, its root frame being the planning frame, with what was learned of it.
+        """The robot, its root frame being the planning frame.
 
         Raises:
             NotReadyError: the newest description is being read.
             PlacementPlannerError: it is unusable.
         """
-        read, stood = self.reading.get(self._key), self._stood
-        return stood[1] if stood is not None and stood[0] is read else read
-
-    def standing_at(self, robot: Robot, q: Array) -> Robot:
-        """The robot, which stands at q (nq,): see `Robot.standing_at`.
-
-        What that shows is kept, unless another robot has come meanwhile.
-
-        Raises:
-            PlacementPlannerError: as `robot`.
-        """
-        with self._lock:
-            # replaced meanwhile: what is learned of the old one is not kept
-            if self.robot is not robot:
-                return robot.standing_at(q)
-            read, stood = self.reading.get(self._key), self._stood
-            known = stood is not None and stood[0] is read
-            # not learned anew while the robot stays where it was
-            if stood is None or not known or np.abs(stood[2] - q).max(initial=0.0) > STILL_JOINT:
-                self._stood = read, robot.standing_at(q), q
-            return self.robot
+        return self.reading.get(self._key)
 
     @property
     def state(self) -> State:

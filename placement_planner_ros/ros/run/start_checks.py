@@ -86,11 +86,11 @@ def take_snapshot(
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     # what follows needs robot, q_0 and object, all in order
-    if faults or standing is None or body is None:
+    if faults or robot is None or standing is None or body is None:
         return faults
     # what no joint moves is furniture, and leaves the robot
-    fixed = attempt(partial(inputs.fixed_links, standing.robot, arms, parameters))
-    surfaces = attempt(partial(inputs.known_surfaces, standing.robot, parameters))
+    fixed = attempt(partial(inputs.fixed_links, robot, arms, parameters))
+    surfaces = attempt(partial(inputs.known_surfaces, robot, parameters))
     if fixed is None or surfaces is None:
         return faults
     # of what is known only that counts which the arms can get to
@@ -106,7 +106,7 @@ def take_snapshot(
         body,
         parts,
         parameters,
-        standing.robot.root_link,
+        robot.root_link,
         object_key,
         robot_key,
         standing.joints,
@@ -121,9 +121,8 @@ def take_snapshot(
 
 
 class _Standing(NamedTuple):
-    """Where the robot stands: the robot, with what that shows of it, and parts of a `Snapshot`."""
+    """Where the robot stands, and parts of a `Snapshot`."""
 
-    robot: Robot
     q: Array
     joints: tuple[str, ...]
     moving: tuple[str, ...]
@@ -168,9 +167,7 @@ def _standing(
         names = f"{listed(sorted(moving))}: moving"
         notes.append(f"{names}, but of no arm and no sensor; planned with where they are now")
     joints = (*robot.needed_joints, *sorted(matter.difference(robot.needed_joints)))
-    # links that overlap here are not checked against each other
-    standing = inputs.robot.standing_at(robot, within)
-    return _Standing(standing, within, joints, tuple(moving), tuple(notes))
+    return _Standing(within, joints, tuple(moving), tuple(notes))
 
 
 def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
@@ -200,17 +197,11 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
             accelerations=not settings.timing.chosen
         )
     ]
-    left_out = [
-        f"not checked against each other: {each}; if they can meet, give robot_description_semantic"
-        for each in robot.left_out or ()
-        if each.reason == "start"
-    ]
     return [
         *body.warnings,
         *snapshot.notes,
         *robot.limit_violations(q),
         *of_arms,
-        *left_out,
         *(f"does without {reason}" for reason in at_start),
         *(tilts_at_start(robot, arms, q, settings.tilt) if settings.tilt is not None else ()),
         *environment_notes(snapshot, environment),

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.robot.geometry import ShapesError
 
 Made = TypeVar("Made")
 
@@ -38,14 +37,8 @@ class Findings:
             print(textwrap.indent(_FILL.fill(line), " " * indent), flush=True)
 
     def wrong(self, fault: Exception | str) -> None:
-        """Remember that something is wrong; of links that lack a shape, all of them."""
-        words = str(fault)
-        cause: BaseException | None = None if isinstance(fault, str) else fault
-        # the error that knows all links without a shape may be the cause of another
-        while cause is not None:
-            words = cause.grouped if isinstance(cause, ShapesError) else words
-            cause = cause.__cause__
-        self.faults += [line for line in words.splitlines() if line not in self.faults]
+        """Remember that something is wrong, once."""
+        self.faults += [line for line in str(fault).splitlines() if line not in self.faults]
 
     def remark(self, words: str) -> None:
         """Remember something that may not be as it is meant."""

@@ -37,7 +37,7 @@ def why(robot):
 STICK = ("0.04 0.04 0.1", "0 0 0.1")
 
 
-def test_what_overlaps_at_zero_is_left_out_and_told_with_its_share():
+def test_what_overlaps_at_zero_is_left_out_and_told():
     """c reaches 20 mm into a where all is straight, and seldom else."""
     robot = robot_of(
         link("a", ("0.1 0.1 0.1", "0 0 0")),
@@ -48,13 +48,9 @@ def test_what_overlaps_at_zero_is_left_out_and_told_with_its_share():
         joint("fixed", "bearing", "b", "0 0 0.3"),
         joint("k", "b", "c", "0 0 0"),
     )
-    left_out = why(robot)["a", "c"]
-    assert left_out.reason == "zero"
-    assert left_out.joints == 3
-    assert 0.0 < left_out.share < 0.5
+    assert why(robot)["a", "c"].reason == "zero"
     (said,) = [w for w in robot.warnings if "a and c" in w]
     assert "zero pose" in said
-    assert f"{left_out.share:.0%}" in said
 
 
 def test_mimic_joints_follow_while_sampling():
@@ -71,9 +67,9 @@ def test_mimic_joints_follow_while_sampling():
         )
 
     pair = ("prongs", "tongue")
-    assert why(hand(""))[pair].reason == "often"
+    assert pair not in why(hand(""))
     assert pair not in why(hand('<mimic joint="a"/>'))
-    assert why(hand('<mimic joint="a" offset="0.2"/>'))[pair].share == 1.0
+    assert why(hand('<mimic joint="a" offset="0.2"/>'))[pair].reason == "always"
 
 
 def box_mesh(tmp_path, name, extents, at=(0, 0, 0), holes=0):
@@ -88,7 +84,7 @@ def box_mesh(tmp_path, name, extents, at=(0, 0, 0), holes=0):
 
 
 def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
-    """Its surface meets none; the share of the samples tells that it is always so."""
+    """Its surface meets none."""
     case = box_mesh(tmp_path, "case.stl", (0.4, 0.4, 0.4))
     core = box_mesh(tmp_path, "core.stl", (0.02, 0.02, 0.02))
     robot = robot_of(
@@ -100,32 +96,7 @@ def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
     )
     kinds = [type(thing.geometry) for thing in robot.geometry.geometryObjects]
     assert kinds[0] is kinds[2] is coal.BVHModelOBBRSS
-    found = why(robot)["case", "core"]
-    assert found.reason == "always"
-    assert found.share == 1.0
-    # a little less than from the middle of the case to its outside
-
-
-def test_where_the_robot_stands_close_links_are_not_in_each_other():
-    """Two joints apart, overlapping in 1 % of configurations: only where it stands shows it."""
-    robot = robot_of(
-        link("a", ("0.1 0.1 0.4", "0 0 0.1")),
-        link("b", ("0.02 0.02 0.02", "0 0 0.9")),
-        link("c", ("0.04 0.04 0.3", "0 0 0.2")),
-        joint("j", "a", "b", limits=(-0.1, 3.0), at="0 0 0.3"),
-        joint("k", "b", "c", limits=(-3.1, 3.1), at="0 0.05 0"),
-    )
-    assert ("a", "c") not in robot.allowed_pairs
-    straight, folded = np.array([0.1, 0.0]), np.array([0.3, 2.9])
-    assert robot.standing_at(straight) is robot
-    standing = robot.standing_at(folded)
-    assert standing.left_out[-1].links == ("a", "c")
-    assert standing.left_out[-1].reason == "start"
-    assert len(standing.geometry.collisionPairs) == len(robot.geometry.collisionPairs) - 1
-    assert len(robot.geometry.collisionPairs) == 1
-    assert standing.standing_at(folded) is standing
-    assert robot.standing_at(folded) is standing, "made once, so that caches hold"
-    assert standing.model is robot.model
+    assert why(robot)["case", "core"].reason == "always"
 
 
 def test_links_that_an_srdf_misspells_are_named():

@@ -1,0 +1,199 @@
+"""An arm of a robot: what is given of it checked, what is not derived."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import GraspError, RobotError
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.types import Array
+
+if TYPE_CHECKING:
+    from placement_planner_ros.core.robot.model import Robot
+
+FAR_GRASP = 100.0
+"""Metres from the tip frame beyond which the origin of an object in hand is a mistake."""
+
+
+def derive_arm(
+    robot: Robot,
+    name: str,
+    tip_frame: str,
+    joints: Sequence[str] | None = None,
+    grasps: Iterable[pin.SE3 | npt.ArrayLike] = (),
+    touch_links: Sequence[str] | None = None,
+    gripper_joints: Sequence[str] = (),
+    gripper_open: Sequence[float] = (),
+    also_touch: Sequence[str] = (),
+) -> Arm:
+    """An arm of a robot; what is None is derived.
+
+    Args:
+        name: for messages and results.
+        tip_frame: link the grasps refer to.
+        joints: root to tip; None: every movable joint between the root and the tip.
+        grasps: T_tip_object, each a pose or (4, 4).
+        touch_links: links that may touch the held object; None: the hand, that is, the tip
+            link and all links it carries, or where these have no geometry, the next link
+            towards the root that does, with all it carries.
+        also_touch: more of them.
+        gripper_joints, gripper_open: joints that open the hand, and their values when open.
+
+    Raises:
+        RobotError: unknown names, joints that do not lead to the tip, a chain with mimicking
+            joints, values beyond limits.
+        GraspError: a grasp is not a rigid transform.
+    """
+    where = f"arm {name}"
+    if not isinstance(grasps, Iterable):
+        raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
+    if not robot.has_link(tip_frame):
+        raise RobotError(
+            f"{where}: tip_frame", tip_frame, f"name a link of the robot {robot.name!r}"
+        )
+    # Joints on the way to the tip, in their order.
+    chain = robot.chain_joints(tip_frame)
+    # Those chosen, if any are; each of them once.
+    joints = chain if joints is None else tuple(joints)
+    if not joints:
+        raise RobotError(f"{where}: joints", [], f"no movable joint leads to {tip_frame}")
+    for joint in joints:
+        if joint not in chain:
+            raise RobotError(
+                f"{where}: joints", joint, f"is not on the way to {tip_frame}: {list(chain)}"
+            )
+    if list(joints) != [joint for joint in chain if joint in joints]:
+        ordered = [joint for joint in chain if joint in joints]
+        raise RobotError(
+            f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
+        )
+    # What moves together, and what may touch.
+    ties = _ties(robot, where, joints, chain)
+    if touch_links is None:
+        touch_links = _hand_links(robot, tip_frame)
+    touch_links = tuple(dict.fromkeys([*touch_links, *also_touch]))
+    for link in touch_links:
+        if not robot.has_link(link):
+            raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
+    # The arm, with limits that fit each other.
+    index, turnable = [robot.index(joint) for joint in joints], robot.turnable
+    arm = Arm(
+        name=name,
+        tip_frame=tip_frame,
+        joints=joints,
+        grasps=tuple(_checked_grasp(g, f"{where}: grasps[{i}]") for i, g in enumerate(grasps)),
+        touch_links=touch_links,
+        gripper_joints=tuple(gripper_joints),
+        gripper_open=_checked_gripper(robot, where, joints, gripper_joints, gripper_open),
+        q_index=np.array(index),
+        lower=robot.lower[index],
+        upper=robot.upper[index],
+        velocity=robot.velocity_limits[index],
+        acceleration=robot.acceleration_limits[index],
+        continuous=tuple(joint for joint in joints if joint in robot.continuous),
+        turnable=tuple(joint for joint in joints if joint in turnable),
+        ties=ties,
+    )
+    return arm.with_limits(arm.lower, arm.upper)
+
+
+def _ties(robot: Robot, where: str, joints: Sequence[str], chain: Sequence[str]) -> Array:
+    """`Arm.ties` of these joints, of all joints on the way to the tip.
+
+    Raises:
+        RobotError: one of them moves with a joint that is not among them.
+    """
+    # A tie where both are joints of the arm; else neither may be.
+    ties = []
+    for follower, mimic in robot.mimics.items():
+        if follower in joints and mimic.master in joints:
+            places = joints.index(follower), joints.index(mimic.master)
+            ties.append((*places, mimic.multiplier, mimic.offset))
+        elif follower in joints or (
+            mimic.master in joints and (follower in chain or _moves_shapes(robot, follower))
+        ):
+            together = (f for f, each in robot.mimics.items() if each.master == mimic.master)
+            group = {mimic.master, *together}
+            others = [joint for joint in joints if joint not in group]
+            raise RobotError(
+                f"{where}: joints",
+                follower,
+                f"mimics {mimic.master}, and not both are joints of the arm: where they should "
+                f"stay where they are, leave out what moves together: {others}",
+            )
+    return np.array(ties, dtype=np.float64).reshape(-1, 4)
+
+
+def _moves_shapes(robot: Robot, joint: str) -> bool:
+    """Whether shapes hang on a joint."""
+    below = set(robot.model.subtrees[robot.model.getJointId(joint)])
+    return any(thing.parentJoint in below for thing in robot.geometry.geometryObjects)
+
+
+def _hand_links(robot: Robot, tip_frame: str) -> tuple[str, ...]:
+    frame_id = robot.frame_id(tip_frame)
+    # Up as long as nothing has geometry and no joint is passed.
+    joint = robot.model.frames[frame_id].parentJoint
+    while True:
+        links = robot.carried_links(frame_id)
+        above = robot.model.frames[frame_id].parentFrame
+        if set(links) & set(robot.geometry_links) or (
+            robot.model.frames[above].parentJoint != joint
+        ):
+            return links
+        frame_id = above
+
+
+def _checked_gripper(
+    robot: Robot,
+    where: str,
+    joints: Sequence[str],
+    gripper_joints: Sequence[str],
+    gripper_open: Sequence[float],
+) -> tuple[float, ...]:
+    if len(gripper_joints) != len(gripper_open):
+        raise RobotError(
+            f"{where}: gripper_open",
+            list(gripper_open),
+            f"give one value for each of gripper_joints {list(gripper_joints)}",
+        )
+    # Joints of the hand alone, within their limits.
+    for joint, value in zip(gripper_joints, gripper_open, strict=True):
+        field = f"{where}: gripper_joints"
+        if joint not in robot.joint_names:
+            raise RobotError(field, joint, "name a movable joint of the robot")
+        if joint in joints:
+            raise RobotError(field, joint, "is a joint of the arm itself")
+        if joint in robot.mimics:
+            raise RobotError(field, joint, f"follows {robot.mimics[joint].master}; list that")
+        low, high = robot.lower[robot.index(joint)], robot.upper[robot.index(joint)]
+        if not low <= value <= high:
+            raise RobotError(
+                f"{where}: gripper_open", value, f"must lie in {joint}'s [{low:g}, {high:g}]"
+            )
+    return tuple(float(v) for v in gripper_open)
+
+
+def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
+    try:
+        # A rigid transform not far from the tip.
+        T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
+    except (TypeError, ValueError):
+        T = np.empty(0)
+    if T.shape != (4, 4):
+        raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4)")
+    R = T[:3, :3]
+    if not np.isfinite(T).all():
+        raise GraspError(field, T.tolist(), "every number must be finite")
+    if np.abs(T[:3, 3]).max() > FAR_GRASP:
+        raise GraspError(field, T[:3, 3].tolist(), f"is more than {FAR_GRASP:g} m from the tip")
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+        raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
+    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+        raise GraspError(field, T.tolist(), "its last row must be 0 0 0 1; transpose it?")
+    return pin.SE3(R, T[:3, 3])
