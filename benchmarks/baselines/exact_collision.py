@@ -24,7 +24,6 @@ from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.robot.geometry import triangle_geometry
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -254,8 +253,6 @@ class CollisionAgreement:
 
     Attributes:
         free, colliding: how many coal says are.
-        undecided: of all, those of which the planner's answer is not certain, and therefore no;
-            they are not compared.
         ties: answered differently within `TIE` of a margin.
         contradictions: answered differently elsewhere, where coal contradicts itself, or calls free
             what has a ball of `_OVERLAP` inside two of the robot's shapes.
@@ -264,7 +261,6 @@ class CollisionAgreement:
 
     free: int
     colliding: int
-    undecided: int
     ties: int
     contradictions: int
     disagreements: Array
@@ -275,9 +271,8 @@ def compare(
 ) -> CollisionAgreement:
     """Ask both about Q (n, dof)."""
     asked = reserve, contact
-    undecided = fast.classify(Q, *asked) == UNDECIDED
     expected = exact.free_batch(Q, *asked)
-    differ = np.flatnonzero(~undecided & (fast.free_batch(Q, *asked) != expected))
+    differ = np.flatnonzero(fast.free_batch(Q, *asked) != expected)
     ties = np.array([exact.ties(Q[i], *asked) for i in differ], dtype=np.bool_)
     doubted = np.array(
         [
@@ -287,10 +282,8 @@ def compare(
         ],
         dtype=np.bool_,
     )
-    counts = [expected, ~expected, undecided, ties, doubted & ~ties]
-    free, colliding, open_, tied, contradicted = (int(rows.sum()) for rows in counts)
-    apart = np.asarray(Q[differ[~(ties | doubted)]])
-    return CollisionAgreement(free, colliding, open_, tied, contradicted, apart)
+    counts = [int(rows.sum()) for rows in (expected, ~expected, ties, doubted & ~ties)]
+    return CollisionAgreement(*counts, np.asarray(Q[differ[~(ties | doubted)]]))
 
 
 def _boxes_meet(a: Array, b: Array) -> bool:

@@ -145,8 +145,7 @@ def _configurations_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     rates = [e["queries"] / e["seconds"] for e in entries]
     detail = (
         f"{asked:,.0f} recorded configurations of {len(entries)} cases, "
-        f"{_share_of(free, asked)} free, "
-        f"{_share_of(_sum_of(entries, 'undecided'), asked)} left undecided; "
+        f"{_share_of(free, asked)} free; "
         f"{_time_each(entries, 'free_seconds', free)} for a free one, "
         f"{_time_each(entries, 'colliding_seconds', asked - free)} for a colliding one"
     )

@@ -9,10 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb_objective
-from placement_planner_ros.core.objective.objective import Objective, evaluate_objective, moved_pose
+from placement_planner_ros.core.objective.objective import Objective, evaluate_objective
 from placement_planner_ros.core.types import Array, Goal, Verdict, upright
 
 
@@ -75,7 +74,11 @@ class LocalOptimizer:
         if x is None:
             return None
         if holding.any_turn is not None:
-            given = self._as_the_arm_can(goal, holding.any_turn, change)
+            # The turn is what an arm of few joints gives at that place.
+            T_face_object = self._poses.contacts.frames[goal.face]
+            if T_face_object is None:
+                return None
+            given = holding.any_turn.follow(x, T_face_object, goal.q)
             if given is None:
                 return None
             x, q = given
@@ -102,16 +105,6 @@ class LocalOptimizer:
             retreat=motion.retreat,
             objective=value,
         )
-
-    def _as_the_arm_can(
-        self, goal: Goal, any_turn: FreeYawIK, change: Array
-    ) -> tuple[pin.SE3, Array] | None:
-        """A pose near the one changed, and q; the turn is what an arm of few joints gives there."""
-        radius = self._settings.turn_radius
-        possible = any_turn.nearest_change(goal.q, change, radius, goal.slope)
-        x = moved_pose(goal.T_world_object, possible, goal.slope)
-        T_face_object = self._poses.contacts.frames[goal.face]
-        return None if T_face_object is None else any_turn.follow(x, T_face_object, goal.q)
 
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""

@@ -11,21 +11,9 @@ import numpy as np
 from numba import njit
 
 from placement_planner_ros.core.collision.meshes import MeshArrays
-from placement_planner_ros.core.collision.separation import (
-    BOUND_TOLERANCE_M,
-    COLLIDING,
-    FREE,
-    UNDECIDED,
-    check_separation,
-)
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
-
-COARSE_MOTION_M = 0.02
-"""Metres of motion above which an interval is searched for collisions rather than certified."""
-
-_COARSE_MESH_MOTION_M = 0.004
-"""The like for two meshes, between which a search for collisions takes long."""
 
 _UNKNOWN_WINDING = -1
 
@@ -40,39 +28,6 @@ def _next_node(node: int) -> int:
         node = (node - 1) // 2
     # The sibling to the right.
     return node + 1 if node > 0 else 0
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _furthest_along(points: Array, count: int, x: float, y: float, z: float) -> float:
-    """How far the first `count` points (., 3) reach along (x, y, z)."""
-    # The furthest of the points.
-    most = -np.inf
-    for i in range(count):
-        most = max(most, points[i, 0] * x + points[i, 1] * y + points[i, 2] * z)
-    return most
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _lowest_along(corners: Array, k: int, x: float, y: float, z: float) -> float:
-    """How far back along (x, y, z) the triangle of corners k to k + 2 reaches."""
-    return min(
-        corners[k, 0] * x + corners[k, 1] * y + corners[k, 2] * z,
-        corners[k + 1, 0] * x + corners[k + 1, 1] * y + corners[k + 1, 2] * z,
-        corners[k + 2, 0] * x + corners[k + 2, 1] * y + corners[k + 2, 2] * z,
-    )
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _beside_box(corners: Array, k: int, low: Point, high: Point, far: float) -> bool:
-    """Whether the box around corners k to k + 2 is `far` from the box from `low` to `high`."""
-    # The gap along each axis, whose squares add up.
-    square = 0.0
-    for i in range(3):
-        least = min(corners[k, i], corners[k + 1, i], corners[k + 2, i])
-        most = max(corners[k, i], corners[k + 1, i], corners[k + 2, i])
-        gap = max(least - high[i], 0.0, low[i] - most)
-        square += gap * gap
-    return bool(square >= far * far)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -95,17 +50,14 @@ def _move_point(T: Array, point: Point, room: Array, row: int) -> None:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def mesh_meets_hull(
-    meshes: MeshArrays, mesh: int, points: Array, count: int, need: float, hit: float, work: Array
-) -> int:
-    """A mesh against the hull of `count` points: FREE from `need` on, COLLIDING below `hit`.
-
-    Where `need` cannot be kept, only collisions are looked for, or nothing where it is far above
-    `hit`.
+def mesh_keeps_hull(
+    meshes: MeshArrays, mesh: int, points: Array, count: int, need: float, work: Array
+) -> bool:
+    """Whether a mesh and the hull of `count` points are certainly `need` apart.
 
     Args:
         points: (., 3) in the mesh's frame.
-        work: (6, 4).
+        work: (9, 4).
     """
     # The mesh's nodes: the root's row, its first leaf, and how many nodes are no leaves.
     boxes, corners = meshes.boxes, meshes.corners
@@ -119,10 +71,8 @@ def mesh_meets_hull(
         y0, y1 = min(y0, points[i, 1]), max(y1, points[i, 1])
         z0, z1 = min(z0, points[i, 2]), max(z1, points[i, 2])
     far = need + BOUND_TOLERANCE_M
-    result = FREE
-    # The direction that kept the last triangle away may keep its neighbours away.
-    nx = ny = nz = 0.0
-    reach = np.inf
+    # Where to look for the first distance from: anywhere.
+    work[5, :3] = 0.0
     node = 0
     # Walk down the tree of boxes in preorder.
     while True:
@@ -132,12 +82,6 @@ def mesh_meets_hull(
         dy = max(boxes[b, 1] - y1, 0.0, y0 - boxes[b, 4])
         dz = max(boxes[b, 2] - z1, 0.0, z0 - boxes[b, 5])
         apart = dx * dx + dy * dy + dz * dz >= far * far
-        if not apart:
-            # The box's nearest corner along the remembered direction, against the furthest point.
-            lowest = nx * (boxes[b, 0] if nx > 0.0 else boxes[b, 3])
-            lowest += ny * (boxes[b, 1] if ny > 0.0 else boxes[b, 4])
-            lowest += nz * (boxes[b, 2] if nz > 0.0 else boxes[b, 5])
-            apart = lowest - reach >= far
         # An open inner node: on to its left child.
         if not apart and node < inner:
             node = 2 * node + 1
@@ -146,74 +90,40 @@ def mesh_meets_hull(
             # An open leaf: its triangles, one by one.
             first = leaf + node - inner
             for t in range(meshes.leaves[first], meshes.leaves[first + 1]):
-                # Apart along the remembered direction.
-                if _lowest_along(corners, 3 * t, nx, ny, nz) - reach >= far:
-                    continue
-                # The box around the triangle is far from the box around the points.
-                if _beside_box(corners, 3 * t, (x0, y0, z0), (x1, y1, z1), far):
-                    continue
-                # The distance between triangle and hull, sought from the remembered direction on.
-                work[5, 0], work[5, 1], work[5, 2] = nx, ny, nz
-                answer = check_separation(
-                    corners, 3 * t, 3 * t + 3, points, 0, count, need, hit, work
-                )
-                if answer == COLLIDING:
-                    return COLLIDING
-                if answer == UNDECIDED:
-                    # Far above `hit`, there is no certain answer to be had at this distance.
-                    if need - hit > COARSE_MOTION_M:
-                        return UNDECIDED
-                    result = UNDECIDED
-                    # From here on only collisions are looked for.
-                    need = hit
-                    far = need + BOUND_TOLERANCE_M
-                    continue
-                # Remember the direction that kept the triangle away, and how far the points reach
-                # along it.
-                x, y, z = work[5, 0], work[5, 1], work[5, 2]
-                length = np.sqrt(x * x + y * y + z * z)
-                nx, ny, nz = x / length, y / length, z / length
-                reach = _furthest_along(points, count, nx, ny, nz)
+                # The direction that kept the last triangle away may keep its neighbours away.
+                triangle = (corners, 3 * t, 3 * t + 3)
+                if not sets_keep(triangle, (points, 0, count), need, work):
+                    return False
         node = _next_node(node)
         if node == 0:
             break
     # No triangle meets the hull; it may lie inside the solid, where any of its points shows it.
-    inside = winding_number(meshes, mesh, points[0, 0], points[0, 1], points[0, 2])
-    if inside > 0:
-        return COLLIDING
-    return result if inside == 0 else UNDECIDED
+    return winding_number(meshes, mesh, points[0, 0], points[0, 1], points[0, 2]) == 0
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def meshes_meet(
-    meshes: MeshArrays,
-    pair: tuple[int, int],
-    T: Array,
-    need: float,
-    hit: float,
-    room: Array,
-    work: Array,
-) -> int:
-    """Two meshes: FREE from `need` on, COLLIDING below `hit`.
+def meshes_keep(
+    meshes: MeshArrays, pair: tuple[int, int], T: Array, need: float, room: Array, work: Array
+) -> bool:
+    """Whether two meshes are certainly `need` apart.
 
     The boxes and triangles of the second mesh, as hulls, against the first.
 
     Args:
         pair: of the meshes.
         T: (4, 4) pose of the second mesh in the first.
-        room: (8, 3) at least; work: (6, 4): work space.
+        room: (8, 3) at least; work: (9, 4): work space.
     """
     mesh, other = pair
     corners, leaves = meshes.corners, meshes.leaves
     root, leaf = meshes.first_node[other], meshes.first_leaf[other]
     inner = (meshes.first_node[other + 1] - root) // 2
-    result = FREE
     node = 0
     while True:
         # The box around what is below the node, in the first mesh's frame.
         for row in range(8):
             _move_point(T, box_corner(meshes.boxes, root + node, row), room, row)
-        near = mesh_meets_hull(meshes, mesh, room, 8, need, need, work) != FREE
+        near = not mesh_keeps_hull(meshes, mesh, room, 8, need, work)
         # An inner node whose box is near: on to its left child.
         if near and node < inner:
             node = 2 * node + 1
@@ -225,16 +135,8 @@ def meshes_meet(
                 for v in range(3):
                     k = 3 * t + v
                     _move_point(T, (corners[k, 0], corners[k, 1], corners[k, 2]), room, v)
-                answer = mesh_meets_hull(meshes, mesh, room, 3, need, hit, work)
-                if answer == COLLIDING:
-                    return COLLIDING
-                if answer == UNDECIDED:
-                    # Far above `hit`, there is no certain answer to be had at this distance.
-                    if need - hit > _COARSE_MESH_MOTION_M:
-                        return UNDECIDED
-                    # From here on only collisions are looked for.
-                    result = UNDECIDED
-                    need = hit
+                if not mesh_keeps_hull(meshes, mesh, room, 3, need, work):
+                    return False
         node = _next_node(node)
         if node == 0:
             break
@@ -250,11 +152,9 @@ def meshes_meet(
             T[0, 1] * x + T[1, 1] * y + T[2, 1] * z,
             T[0, 2] * x + T[1, 2] * y + T[2, 2] * z,
         )
-        if inside > 0:
-            return COLLIDING
-        if inside < 0:
-            result = UNDECIDED
-    return result
+        if inside != 0:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

@@ -1,8 +1,8 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
-The kernels say free or colliding only where that is certain. What they leave undecided, within
-`separation.BOUND_TOLERANCE_M` of a margin, or on the polytope around a curved shape, is not free:
-`free` is never true nearer than the margin.
+The kernels say free only where that is certain. What lies within `separation.BOUND_TOLERANCE_M` of
+a margin, or on the polytope around a curved shape, is not free: `free` is never true nearer than
+the margin.
 """
 
 from __future__ import annotations
@@ -16,24 +16,22 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.arrays import ArmArrays, FlatArm, lay_out_arm, scratch_for
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.configurations import (
-    NOT_FINITE,
     KeptMargins,
     check_states,
-    hand_collides,
+    hand_keeps,
 )
-from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, JointEdge, check_edge
+from placement_planner_ros.core.collision.edges import EdgeLimits, JointEdge, check_edge
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.pair_tables import with_pair_tables
 from placement_planner_ros.core.collision.placing import place_body
-from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
 from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
-from placement_planner_ros.core.collision.table_filling import with_pair_tables
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
@@ -48,6 +46,7 @@ HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
 ENVIRONMENT = "the environment"
 _QUEUED_INTERVALS = 4096
+"""Of an edge that wait at a time."""
 _REMEMBERED_ARMS = 32
 """Arms laid out that are remembered."""
 
@@ -173,12 +172,6 @@ class ArmCollision:
         """The arm laid out for kernels; not to be written to."""
         return self._flat.arrays
 
-    @property
-    def hand_links(self) -> frozenset[str]:
-        """Links that the last joint moves."""
-        last = self._dof - 1
-        return frozenset(body.name for body in self._flat.bodies if body.joint == last)
-
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
 
@@ -193,54 +186,32 @@ class ArmCollision:
         Raises:
             JointStateError: a value is not finite.
         """
-        if self._collision(q, reserve, contact) is not None:
-            return False
-        return not contact or self._aside is None or self._aside.free(q, reserve)
+        return bool(self.free_batch(q, reserve, contact)[0])
 
     def free_batch(
         self, Q: Array, reserve: float = 0.0, contact: bool = False
     ) -> npt.NDArray[np.bool_]:
         """`free` for (n, dof) configurations."""
-        Q = kernel_input(Q).reshape(-1, self._dof)
-        answers = self.classify(Q, reserve, contact)
-        wrong = np.flatnonzero(answers == NOT_FINITE)
-        if len(wrong):
-            raise _not_finite(Q[wrong[0]])
-        return answers == FREE
-
-    def classify(
-        self, Q: Array, reserve: float = 0.0, contact: bool = False
-    ) -> npt.NDArray[np.int64]:
-        """The kernels' answers (n,) to (n, dof) configurations.
-
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `configurations.NOT_FINITE`.
-        """
-        answers = self._classified(Q, *self._margins(reserve), contact)
+        answers = self._keep(Q, self._margins(reserve, contact))
         if contact and self._aside is not None:
-            answers = np.where(answers == FREE, self._aside.classify(Q, reserve), answers)
+            answers[answers] = self._aside.free_batch(Q.reshape(-1, self._dof)[answers], reserve)
         return answers
 
     def can_be_left(self, q: Array, reserve: float = 0.0) -> bool:
         """Whether q (dof,) is free by so much that an edge which begins there can be certified: by
         what `edge_free` resolves, beyond the margins."""
-        margin, self_margin = self._margins(reserve)
+        margin, self_margin, contact = self._margins(reserve, contact=False)
         margin += self.settings.edge_resolution
         self_margin += self.settings.self_resolution
-        return bool(self._classified(q, margin, self_margin, contact=False)[0] == FREE)
+        return bool(self._keep(q, KeptMargins(margin, self_margin, contact))[0])
 
-    def _classified(
-        self, Q: Array, margin: float, self_margin: float, contact: bool
-    ) -> npt.NDArray[np.int64]:
+    def _keep(self, Q: Array, kept: KeptMargins) -> npt.NDArray[np.bool_]:
+        """(n,) which of (n, dof) configurations keep these margins."""
         Q = kernel_input(Q).reshape(-1, self._dof)
-        answers = np.empty(len(Q), dtype=np.int64)
-        check_states(
-            self._flat.arrays,
-            self._boxes,
-            self._scratch,
-            Q,
-            KeptMargins(margin, self_margin, contact),
-            answers,
-        )
+        answers = np.empty(len(Q), dtype=np.bool_)
+        check_states(self._flat.arrays, self._boxes, self._scratch, Q, kept, answers)
+        if not answers.all():
+            _require_finite(Q)
         return answers
 
     def hand_collides(
@@ -255,8 +226,8 @@ class ArmCollision:
             reserve, contact: as in `free`.
         """
         # The margins, less what inverse kinematics may miss.
-        margin, self_margin = self._margins(reserve)
-        return hand_collides(
+        margin, self_margin, _ = self._margins(reserve, contact)
+        return not hand_keeps(
             self._flat.arrays,
             self._boxes,
             self._scratch,
@@ -287,34 +258,23 @@ class ArmCollision:
         Raises:
             JointStateError: a value is not finite.
         """
-        a = kernel_input(a).reshape(self._dof)
-        b = kernel_input(b).reshape(self._dof)
-        if deviation is None:
-            deviation = self._no_deviation
-        answer = check_edge(
+        ends = kernel_input(a).reshape(self._dof), kernel_input(b).reshape(self._dof)
+        strays = self._no_deviation if deviation is None else kernel_input(deviation)
+        edge, settings = JointEdge(*ends, strays.reshape(self._dof)), self.settings
+        resolutions = settings.edge_resolution, settings.self_resolution
+        free = check_edge(
             self._flat.arrays,
             self._boxes,
             self._scratch,
-            JointEdge(a, b, kernel_input(deviation).reshape(self._dof)),
-            EdgeLimits(
-                *self._margins(reserve),
-                self.settings.edge_resolution,
-                self.settings.self_resolution,
-                contact,
-            ),
+            edge,
+            EdgeLimits(self._margins(reserve, contact), *resolutions),
             (self._queue, self._settled),
         )
-        if answer == NOT_FINITE:
-            raise _not_finite(a, b, deviation)
-        # Too many intervals for the queue: both halves.
-        if answer == OVERFLOW:
-            middle = (a + b) / 2
-            return self.edge_free(
-                a, middle, contact=contact, deviation=deviation, reserve=reserve
-            ) and self.edge_free(middle, b, contact=contact, deviation=deviation, reserve=reserve)
+        if not free:
+            _require_finite(np.array(edge))
         # Free here: what the other set of obstacles says.
-        if answer != FREE or not contact or self._aside is None:
-            return bool(answer == FREE)
+        if not free or not contact or self._aside is None:
+            return bool(free)
         return self._aside.edge_free(a, b, deviation=deviation, reserve=reserve)
 
     def explain(self, q: Array, reserve: float = 0.0, contact: bool = False) -> str:
@@ -324,21 +284,21 @@ class ArmCollision:
 
     def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""
-        found = self._collision(q, reserve, contact)
+        # Without balls inside the bodies, of which it is not known which box they meet.
+        flat = self._flat.arrays
+        inner = np.full_like(flat.node_inner, -np.inf)
+        asked = copy.copy(self)
+        asked._flat = replace(self._flat, arrays=flat._replace(node_inner=inner))
         # Free here: what the other set of obstacles says.
-        if found is None:
+        if asked._keep(q, self._margins(reserve, contact))[0]:
             return self._aside.meeting(q, reserve) if contact and self._aside is not None else None
-        # A ball inside a body was found in a box: which part and which box.
-        kind, s, other = found
-        if kind == 2:
-            kind, s, other = self._ball_in_box(s)
+        kind, s, other = self._scratch.hit.tolist()
         first = self._flat.bodies[self._flat.set_body[s]].name
         if kind == 0:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
             return Meeting(first, ENVIRONMENT, where)
-        return Meeting(
-            self._flat.bodies[self._flat.set_body[other]].name, first, self._between(s, other)
-        )
+        second = self._flat.bodies[self._flat.set_body[other]].name
+        return Meeting(second, first, self._between(s, other))
 
     def place(self, T_world_object: pin.SE3) -> None:
         """Put the placed object elsewhere, here and in what `with_pairs` made."""
@@ -364,7 +324,12 @@ class ArmCollision:
         pairs = self._flat.arrays.pairs
         rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
         other = copy.copy(self)
-        other._flat = replace(self._flat, arrays=self._flat.arrays._replace(pairs=pairs[rows]))
+        fewer = self._flat.arrays._replace(
+            pairs=pairs[rows],
+            pair_cells=self._flat.arrays.pair_cells[rows],
+            pair_lower=self._flat.arrays.pair_lower[rows],
+        )
+        other._flat = replace(self._flat, arrays=fewer)
         other.settings = settings or self.settings
         if not environment:
             other._boxes = self._boxes._replace(number=0)
@@ -381,29 +346,11 @@ class ArmCollision:
         other._queue, other._settled = np.zeros_like(self._queue), np.zeros_like(self._settled)
         return other
 
-    def _margins(self, reserve: float) -> tuple[float, float]:
+    def _margins(self, reserve: float, contact: bool) -> KeptMargins:
         settings = self.settings
         kept = min(reserve, settings.self_reserve)
-        return settings.collision_margin + reserve, settings.self_margin + kept
-
-    def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
-        """`ArmScratch.hit` at q; None where it is free."""
-        answer = self._classified(q, *self._margins(reserve), contact)[0]
-        if answer == NOT_FINITE:
-            raise _not_finite(q)
-        if answer == FREE:
-            return None
-        kind, a, b = self._scratch.hit.tolist()
-        return kind, a, b
-
-    def _ball_in_box(self, node: int) -> tuple[int, int, int]:
-        """Which set meets which box, where the ball inside a sphere is known to meet one."""
-        arrays, corners = self._flat.arrays, self._boxes.corners
-        s = int(np.searchsorted(arrays.sets[:, at.SET_FIRST_NODE], node, "right")) - 1
-        frame = self._scratch.frames[arrays.sets[s, at.SET_JOINT]]
-        center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
-        away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
-        return 0, s, int(np.argmin(np.linalg.norm(away, axis=1)))
+        margins = settings.collision_margin + reserve, settings.self_margin + kept
+        return KeptMargins(*margins, contact)
 
     def _between(self, s: int, other: int) -> Array:
         """(3,) the middle of where the boxes around two sets overlap, or of what is between."""
@@ -411,12 +358,14 @@ class ArmCollision:
         return np.asarray((np.maximum(a[:3], b[:3]) + np.minimum(a[3:], b[3:])) / 2.0)
 
 
-def _not_finite(*configurations: Array) -> JointStateError:
-    return JointStateError(
-        "configuration",
-        [np.asarray(q).ravel().tolist() for q in configurations],
-        "every joint value must be finite",
-    )
+def _require_finite(Q: Array) -> None:
+    """Refuse configurations (n, dof) of which one has no place."""
+    if not np.isfinite(Q).all():
+        raise JointStateError(
+            "configuration",
+            Q[~np.isfinite(Q).all(axis=1)][:1].tolist(),
+            "every joint value must be finite",
+        )
 
 
 def arm_joint(model: pin.Model, joint_ids: Sequence[int], joint: int) -> int:

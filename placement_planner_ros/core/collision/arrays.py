@@ -8,6 +8,7 @@ frame, turned so that the joint's axis is z.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,7 +18,6 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
-from placement_planner_ros.core.collision.pair_tables import PairTables
 from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows, body_rows
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -28,14 +28,16 @@ Indices = npt.NDArray[np.int64]
 
 BODY_JOINT, BODY_FIRST_SET = 0, 1
 NODE_SKIP, NODE_SET = 0, 1
-SET_FIRST_NODE, SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_MESH = 0, 1, 2, 3, 4
+SET_FIRST_NODE, SET_FIRST_VERTEX, SET_JOINT, SET_MESH = 0, 1, 2, 3
 MESH_TREE, MESH_JOINT = 0, 1
-PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
+PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD = 0, 1, 2, 3
 """Columns of the tables of `ArmArrays`."""
 
-NO_TABLES = PairTables(
-    np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), 0.0, np.zeros(0, dtype=np.int32)
-)
+CELL_RAD = 2.0 * math.pi / 720.0
+"""Side of the cells of `ArmArrays.tables`."""
+
+NO_TABLES = np.zeros(0, dtype=np.uint8)
+NO_TABLES.setflags(write=False)
 
 
 class ArmArrays(NamedTuple):
@@ -65,23 +67,26 @@ class ArmArrays(NamedTuple):
     node_inner: Array
     """(k,) radius of a ball around the sphere's centre that the shape holds, -inf without one."""
     sets: Indices
-    """(s + 1, 5) first node, first vertex, first plane, joint, mesh that it covers, or -1."""
+    """(s + 1, 4) first node, first vertex, joint, mesh that it covers, or -1."""
     radius: Array
     """(s,) that each set is dilated by."""
-    excess: Array
-    """(s,) no point of a set is further than this from its mesh, or what that encloses."""
     vertices: Array
-    planes: Array
-    """(f, 4) normal and offset."""
     meshes: Indices
     """(g, 2) tree in `trees`, joint."""
     mesh_frames: Array
     """(g, 4, 4) T_joint_mesh."""
     trees: MeshArrays
     pairs: Indices
-    """(c, 5) inner body, outer body, first remembered direction, first joint between them, and
-    table, -1 without one."""
-    tables: PairTables
+    """(c, 4) inner body, outer body, first remembered direction, first joint between them."""
+    pair_cells: Indices
+    """(c, 3) of the pair's table of angles: cells along the first joint between both, none without
+    a table, along the second, one without, and the first in `tables`."""
+    pair_lower: Array
+    """(c, 2) angles at which the first cells begin, rad."""
+    tables: npt.NDArray[np.uint8]
+    """Of each cell how many cells away the nearest is where the pair may be nearer than `clear`."""
+    clear: float
+    """Metres."""
 
 
 class ArmScratch(NamedTuple):
@@ -93,25 +98,20 @@ class ArmScratch(NamedTuple):
     """(b, 4) in the world, as all that follow."""
     set_spheres: Array
     vertices: Array
-    planes: Array
     bounds: Array
     """(s, 6) box around each set, lower then upper."""
     set_stamp: Indices
-    """(s,) configuration at which a set was last placed in the world; `plane_stamp`: its planes."""
-    plane_stamp: Indices
-    plane: Indices
-    """(s,) the plane of each set that last kept a box away, or -1."""
+    """(s,) configuration at which a set was last placed in the world."""
+    sides: Array
+    """(s, 3) unit direction that last kept a box away from each set, in its frame; 0 without."""
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at; `mesh_stamp`: in which placement of which
     mesh it was last found free of it."""
     mesh_stamp: Indices
     counters: Indices
     """Configuration, visit."""
-    leaves: Indices
-    """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
-    leaf_bound: Array
     sweep: Array
-    """(1,) how far all bodies are swept straight up, metres: vertices and planes are made so."""
+    """(1,) how far all bodies are swept straight up, metres: vertices are made so."""
     work: Array
     mesh_points: Array
     """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
@@ -120,13 +120,14 @@ class ArmScratch(NamedTuple):
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     hit: Indices
-    """(3,) of the collision found, or what was last left undecided: kind (0 box, 1 set, 2 a sphere
-    whose inner ball meets a box), set or sphere, box or set."""
+    """(3,) what was last not kept apart: kind (0 set and box, 1 two sets), set, box or set."""
     bound: Array
-    """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
+    """(b, n + 1) motion bounds, and `bound_straight` of the whole edge from its middle on, without
+    the deviation."""
     bound_straight: Array
     edge: Array
-    """(3, n) q at an interval's middle; how far joints move, without the deviation and with it."""
+    """(3, n) q at an interval's middle; how far joints move along the whole edge, and within the
+    interval with the deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,22 +197,17 @@ def lay_out_arm(
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
     # Room for a direction for each pair of parts.
     sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
+    slots = itertools.accumulate(sizes, initial=0)
+    pairs_of = [
+        (a, b, slot, max(ordered[a].joint, -1) + 1)
+        for (a, b), slot in zip(between, slots, strict=False)
+    ]
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
         moving=sum(body.joint >= 0 for body in ordered),
         held=number[held] if held is not None else -1,
-        pairs=np.array(
-            [
-                (a, b, slot, max(ordered[a].joint, -1) + 1, -1)
-                for (a, b), slot in zip(
-                    between, itertools.accumulate(sizes, initial=0), strict=False
-                )
-            ],
-            dtype=np.int64,
-        ).reshape(-1, 5),
-        tables=NO_TABLES,
-        **_stack_bodies(rows, joints, balls),
+        **_stack_bodies(rows, joints, balls, pairs_of),
     )
     set_body = np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows])
     return FlatArm(arrays, sum(sizes), ordered, set_body, rows)
@@ -229,9 +225,7 @@ def lone_body(rows: SolidRows) -> FlatArm:
         prismatic=np.zeros(0, dtype=np.bool_),
         moving=1,
         held=-1,
-        pairs=np.zeros((0, 5), dtype=np.int64),
-        tables=NO_TABLES,
-        **_stack_bodies([rows], [0], [rows.ball()]),
+        **_stack_bodies([rows], [0], [rows.ball()], []),
     )
     return FlatArm(arrays, 0, (), np.zeros(len(rows.radius), dtype=np.int64), (rows,))
 
@@ -254,18 +248,14 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         body_spheres=a.body_spheres.copy(),
         set_spheres=a.node_spheres[a.sets[:-1, SET_FIRST_NODE]],
         vertices=a.vertices.copy(),
-        planes=a.planes.copy(),
         bounds=bounds,
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
-        plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
-        plane=np.full(sets, -1, dtype=np.int64),
+        sides=np.zeros((sets, 3)),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         mesh_stamp=np.full(boxes, -1, dtype=np.int64),
         counters=np.zeros(2, dtype=np.int64),
-        leaves=np.zeros(len(a.nodes), dtype=np.int64),
-        leaf_bound=np.zeros(len(a.nodes)),
         sweep=np.zeros(1),
-        work=np.zeros((6, 4)),
+        work=np.zeros((9, 4)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_frames=np.zeros((3, 4, 4)),
         direction=np.zeros((flat.directions, 6)),
@@ -277,12 +267,15 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
 
 
 def _stack_bodies(
-    bodies: Sequence[SolidRows], joints: Sequence[int], balls: Sequence[Array]
+    bodies: Sequence[SolidRows],
+    joints: Sequence[int],
+    balls: Sequence[Array],
+    pairs: Sequence[tuple[int, ...]],
 ) -> dict[str, Any]:
-    """The rows of bodies (b), of joints (b), one below the other."""
+    """The rows of bodies (b), of joints (b), one below the other, and those of pairs."""
     rows = SolidRows.joined(bodies)
     sets = [len(each.radius) for each in bodies]
-    ends = [*rows.sizes[:1], *rows.sizes[2:4], 0, -1]
+    ends = [*rows.sizes[:1], *rows.sizes[2:3], 0, -1]
     # In the same order for each arm of a robot, so that they share the arrays.
     trees = list(dict.fromkeys(sorted(rows.meshes, key=_mesh_order)))
     number = {tree: i for i, tree in enumerate(trees)}
@@ -295,18 +288,20 @@ def _stack_bodies(
     return {
         "bodies": np.column_stack([[*joints, 0], np.cumsum([0, *sets])]).astype(np.int64),
         "body_spheres": np.array(balls),
-        "nodes": rows.nodes,
-        "node_spheres": rows.node_spheres,
-        "node_inner": rows.node_inner,
         "sets": np.vstack([np.insert(rows.sets, SET_JOINT, np.repeat(joints, sets), axis=1), ends]),
-        "radius": rows.radius,
-        "excess": rows.excess,
         "meshes": meshes.astype(np.int64).reshape(-1, 2),
-        "mesh_frames": rows.mesh_frames,
         "trees": shared_arrays(tuple(trees)),
-        "vertices": rows.vertices,
-        "planes": rows.planes,
+        "pairs": np.array(pairs, dtype=np.int64).reshape(-1, 4),
+        "pair_cells": np.zeros((len(pairs), 3), dtype=np.int64),
+        "pair_lower": np.zeros((len(pairs), 2)),
+        "tables": NO_TABLES,
+        "clear": 0.0,
+        **{name: getattr(rows, name) for name in _AS_THEY_ARE},
     }
+
+
+_AS_THEY_ARE = "nodes", "node_spheres", "node_inner", "radius", "vertices", "mesh_frames"
+"""Fields that `ArmArrays` has from `SolidRows`."""
 
 
 def _mesh_order(tree: MeshTree) -> tuple[int, float]:

@@ -9,33 +9,21 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
-from placement_planner_ros.core.collision.against_boxes import (
-    BoxArrays,
-    body_meets_boxes,
-    open_leaves,
-    open_leaves_meet_boxes,
-)
-from placement_planner_ros.core.collision.against_robot import (
-    bodies_meet,
-    pair_meets,
-    spheres_apart,
-)
-from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, Indices
+from placement_planner_ros.core.collision.against_boxes import BoxArrays, bodies_keep_boxes
+from placement_planner_ros.core.collision.against_robot import bodies_keep, pair_keeps
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placing import (
     place_all_spheres,
     place_frame,
     place_joints,
     place_spheres,
 )
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
-
-NOT_FINITE = 4
-"""A configuration holds a NaN or an infinity."""
 
 
 class KeptMargins(NamedTuple):
@@ -48,6 +36,23 @@ class KeptMargins(NamedTuple):
     """Whether the held object is left out against the obstacle set."""
 
 
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def keep_boxes(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
+    bodies: tuple[int, int],
+    kept: KeptMargins,
+    motion: float,
+) -> bool:
+    """Whether moving bodies, the first to before the last, certainly keep their margin, and
+    `motion`, from the obstacle set."""
+    asked = (bodies[0], bodies[1], arm.held if kept.contact else -1)
+    return boxes.number == 0 or bodies_keep_boxes(
+        arm, boxes, scratch, asked, kept.margin + motion, motion
+    )
+
+
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def check_states(
     arm: ArmArrays,
@@ -55,70 +60,51 @@ def check_states(
     scratch: ArmScratch,
     Q: Array,
     kept: KeptMargins,
-    answers: Indices,
+    answers: npt.NDArray[np.bool_],
 ) -> None:
-    """Whether configurations Q (m, n) keep their margins; `answers` (m,) is filled.
+    """Whether configurations Q (m, n) certainly keep their margins; `answers` (m,) is filled.
 
-    FREE and COLLIDING are certain, as they rest on certain answers for each body and each pair.
-    What the last configuration meets, or leaves UNDECIDED, is the scratch's `hit`.
+    What the last one does not keep them from is the scratch's `hit`. What is not finite does not.
     """
-    margin = kept.margin
-    moving = arm.moving if boxes.number > 0 else 0
-    left_out = arm.held if kept.contact else -1
-    # Nothing moves: no range of joint values.
-    still = scratch.edge[2]
-    still[:] = 0.0
+    q = scratch.edge[0]
+    scratch.edge[2, :] = 0.0
     for i in range(Q.shape[0]):
-        if not np.isfinite(Q[i].sum()):
-            answers[i] = NOT_FINITE
+        answers[i] = np.isfinite(Q[i].sum())
+        if not answers[i]:
             continue
-        place_joints(arm, scratch, Q[i])
-        # The field of distances is asked for all bodies first: most collisions are found there.
-        result, count = open_leaves(arm, boxes, scratch, (0, moving, left_out), margin, margin)
-        # The boxes in reach of what the field leaves open.
-        if result != COLLIDING and count > 0:
-            result = open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
-        if result != COLLIDING:
-            # Then the robot against itself, up to the first collision.
-            place_all_spheres(arm, scratch)
-            for pair in range(arm.pairs.shape[0]):
-                ranges = Q[i], still
-                answer = pair_meets(arm, scratch, pair, ranges, kept.self_margin, kept.self_margin)
-                if answer != FREE:
-                    result = answer
-                if answer == COLLIDING:
-                    break
-        answers[i] = result
+        # Most collisions are with the obstacle set, and found there at once.
+        for j in range(q.shape[0]):
+            q[j] = Q[i, j]
+        place_joints(arm, scratch, q)
+        answers[i] = keep_boxes(arm, boxes, scratch, (0, arm.moving), kept, 0.0)
+        if not answers[i]:
+            continue
+        # Then the robot against itself.
+        place_all_spheres(arm, scratch)
+        for pair in range(arm.pairs.shape[0]):
+            if not pair_keeps(arm, scratch, pair, kept.self_margin, 0.0):
+                answers[i] = False
+                break
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def hand_collides(
-    arm: ArmArrays,
-    boxes: BoxArrays,
-    scratch: ArmScratch,
-    T_world_joint: Array,
-    kept: KeptMargins,
+def hand_keeps(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, T_world_joint: Array, kept: KeptMargins
 ) -> bool:
-    """Whether what the last joint carries surely collides, its moved frame being at (4, 4)."""
+    """Whether what the last joint carries keeps the margins, its moved frame being at (4, 4)."""
     last = len(arm.prismatic) - 1
     place_frame(scratch, last, T_world_joint)
     # Bodies that the joint carries, each against the obstacle set.
     bodies, pairs = arm.bodies, arm.pairs
     for body in range(arm.moving):
-        if bodies[body, at.BODY_JOINT] != last:
-            continue
-        place_spheres(arm, scratch, body)
-        if boxes.number == 0 or (kept.contact and body == arm.held):
-            continue
-        if body_meets_boxes(arm, boxes, scratch, body, kept.margin, kept.margin) == COLLIDING:
-            return True
+        if bodies[body, at.BODY_JOINT] == last:
+            place_spheres(arm, scratch, body)
+            if not keep_boxes(arm, boxes, scratch, (body, body + 1), kept, 0.0):
+                return False
     # Pairs of a body that nothing moves and one that the joint carries.
     for pair in range(pairs.shape[0]):
         a, b = pairs[pair, at.PAIR_INNER], pairs[pair, at.PAIR_OUTER]
-        if a < arm.moving or bodies[b, at.BODY_JOINT] != last:
-            continue
-        if spheres_apart(scratch, pairs[pair], kept.self_margin):
-            continue
-        if bodies_meet(arm, scratch, pair, kept.self_margin, kept.self_margin) == COLLIDING:
-            return True
-    return False
+        carried = a >= arm.moving and bodies[b, at.BODY_JOINT] == last
+        if carried and not bodies_keep(arm, scratch, pair, kept.self_margin, 0.0):
+            return False
+    return True

@@ -18,32 +18,23 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
-from placement_planner_ros.core.collision.against_boxes import BoxArrays, body_meets_boxes
-from placement_planner_ros.core.collision.against_robot import pair_meets
+from placement_planner_ros.core.collision.against_boxes import BoxArrays
+from placement_planner_ros.core.collision.against_robot import bodies_keep, pair_keeps
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
-from placement_planner_ros.core.collision.configurations import NOT_FINITE
+from placement_planner_ros.core.collision.configurations import KeptMargins, keep_boxes
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
-OVERFLOW = 3
-"""An edge needs more intervals than the queue holds: cut it in two."""
-
 
 class EdgeLimits(NamedTuple):
-    """What an edge is to keep, and how closely that is looked at, metres.
+    """What an edge is to keep, and how closely that is looked at."""
 
-    Of the bodies against the obstacle set, and of the robot against itself.
-    """
-
-    margin: float
-    self_margin: float
+    kept: KeptMargins
     resolution: float
-    """Motion over an interval down to which it is halved."""
+    """Motion over an interval down to which it is halved, metres; `self_resolution`: the same for
+    the robot against itself."""
     self_resolution: float
-    contact: bool
-    """Whether the held object is left out against the obstacle set."""
 
 
 class JointEdge(NamedTuple):
@@ -89,46 +80,22 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _place_interval(
-    arm: ArmArrays,
-    scratch: ArmScratch,
-    edge: JointEdge,
-    middle: float,
-    half: float,
-    strays: bool,
+    arm: ArmArrays, scratch: ArmScratch, edge: JointEdge, middle: float, half: float
 ) -> None:
     """Put the arm at `middle` of the edge, and bound its motion up to `half` of it to both sides.
 
-    Filled are `edge`, `bound` and, where the edge is strayed from, `bound_straight`.
+    Filled are `edge` and `bound`.
     """
-    a, b, deviation = edge.a, edge.b, edge.deviation
-    q, straight, delta = scratch.edge[0], scratch.edge[1], scratch.edge[2]
     # The configuration at the middle, and how far each joint moves along the edge and beside it.
-    for j in range(a.shape[0]):
-        q[j] = a[j] + middle * (b[j] - a[j])
-        straight[j] = half * abs(b[j] - a[j])
-        delta[j] = straight[j] + deviation[j]
+    q, delta = scratch.edge[0], scratch.edge[2]
+    for j in range(q.shape[0]):
+        way = edge.b[j] - edge.a[j]
+        q[j] = edge.a[j] + middle * way
+        delta[j] = half * abs(way) + edge.deviation[j]
     # Place the arm there, and bound its motion.
     place_joints(arm, scratch, q)
     place_all_spheres(arm, scratch)
     bound_motion(arm, scratch, delta, scratch.bound)
-    if strays:
-        bound_motion(arm, scratch, straight, scratch.bound_straight)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _append_halves(
-    queue: Array, settled: npt.NDArray[np.bool_], head: int, waiting: int, items: int
-) -> None:
-    """Append both halves of the interval at `head` to the `waiting` ones, settled as far as it."""
-    # Appended behind those that wait, in a ring.
-    size = queue.shape[0]
-    middle, half = queue[head, 0], queue[head, 1]
-    for side in range(2):
-        place = (head + waiting + side) % size
-        queue[place, 0] = middle + (side - 0.5) * half
-        queue[place, 1] = 0.5 * half
-        for item in range(items):
-            settled[place, item] = settled[head, item]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -139,78 +106,79 @@ def check_edge(
     edge: JointEdge,
     limits: EdgeLimits,
     work: tuple[Array, npt.NDArray[np.bool_]],
-) -> int:
-    """A straight joint motion, strayed from by no more than its deviation.
+) -> bool:
+    """Whether a straight joint motion, strayed from by no more than its deviation, is certified.
 
-    Breadth-first bisection. Per interval each body (against the obstacle set) and each pair is
-    FREE for the whole of it where it keeps, at the middle, its margin and the bound on motion
-    (this module's); what is settled for an interval is settled for its halves. Not certified are
-    edges with a collision, and those where the distance at a middle falls short although the
-    motion over the interval is down to the resolution.
+    Breadth-first bisection. Per interval each body (against the obstacle set) and each pair keeps
+    its margin for the whole of it where it keeps, at the middle, margin and bound on motion (this
+    module's); what is settled for an interval is settled for its halves. Not certified are edges
+    that do not keep the margin at a middle, those where the distance there falls short although the
+    motion over the interval is down to the resolution, those of more open intervals than there is
+    room for, and what is not finite.
 
     Args:
         work: (k, 2) intervals that wait; (k, bodies moving + pairs) what of them is settled.
-
-    Returns:
-        FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
     """
     if not np.isfinite(edge.a.sum() + edge.b.sum() + edge.deviation.sum()):
-        return NOT_FINITE
-    pairs, bound = arm.pairs, scratch.bound
+        return False
+    pairs, bound, straight, kept = arm.pairs, scratch.bound, scratch.bound_straight, limits.kept
     queue, settled = work
     # The items to settle: bodies against the obstacle set, then pairs of bodies.
     items = arm.moving + pairs.shape[0]
-    q, delta = scratch.edge[0], scratch.edge[2]
-    strays = False
-    for j in range(q.shape[0]):
-        strays = strays or edge.deviation[j] > 0.0
-    # Shorter intervals lessen the motion along the edge alone, not what strays from it.
-    exact = scratch.bound_straight if strays else bound
     # The whole edge is the first interval: middle and half its length, as shares.
     head = 0
     waiting = 1
     queue[0, 0] = 0.5
     queue[0, 1] = 0.5
     settled[0, :] = False
-    # Nothing to settle for bodies without obstacles, and for the object where it may touch them.
-    for body in range(arm.moving):
-        if boxes.number == 0 or (limits.contact and body == arm.held):
-            settled[0, body] = True
     while waiting > 0:
         # The first interval that waits, with the arm at its middle.
-        _place_interval(arm, scratch, edge, queue[head, 0], queue[head, 1], strays)
+        half = queue[head, 1]
+        _place_interval(arm, scratch, edge, queue[head, 0], half)
+        # Shorter intervals lessen the motion along the edge alone, not what strays from it.
+        if half == 0.5:
+            for j in range(edge.a.shape[0]):
+                scratch.edge[1, j] = abs(edge.b[j] - edge.a[j])
+            bound_motion(arm, scratch, scratch.edge[1], straight)
         open_items = False
         for item in range(items):
             if settled[head, item]:
                 continue
-            # A body against the obstacle set, its motion added to the margin.
+            # With what moves added to the margin; else at the middle, unless that is the limit.
             if item < arm.moving:
-                need = limits.margin + bound[item, 0]
-                answer = body_meets_boxes(arm, boxes, scratch, item, need, limits.margin)
-                small = exact[item, 0] <= limits.resolution
+                motion, asked = bound[item, 0], (item, item + 1)
+                free = keep_boxes(arm, boxes, scratch, asked, kept, motion)
+                if not free and (
+                    half * straight[item, 0] <= limits.resolution
+                    or not keep_boxes(arm, boxes, scratch, asked, kept, 0.0)
+                ):
+                    return False
             else:
-                # A pair of bodies, the motion of the joints between them added to the margin.
+                # The motion of the joints between both bodies.
                 pair = item - arm.moving
                 outer, first = pairs[pair, at.PAIR_OUTER], pairs[pair, at.PAIR_OUTWARD]
-                need = limits.self_margin + bound[outer, first]
-                answer = pair_meets(arm, scratch, pair, (q, delta), need, limits.self_margin)
-                small = exact[outer, first] <= limits.self_resolution
-            if answer == COLLIDING:
-                return COLLIDING
-            if answer == FREE:
-                settled[head, item] = True
-            elif small:
-                # Short enough, and still not certain.
-                return UNDECIDED
-            else:
-                open_items = True
+                motion, margin = bound[outer, first], kept.self_margin
+                free = pair_keeps(arm, scratch, pair, margin, motion)
+                if not free and (
+                    half * straight[outer, first] <= limits.self_resolution
+                    or not bodies_keep(arm, scratch, pair, margin, 0.0)
+                ):
+                    return False
+            settled[head, item] = free
+            open_items = open_items or not free
         # Halve the interval where anything is open.
         if open_items:
             if waiting + 2 > queue.shape[0]:
-                return OVERFLOW
-            _append_halves(queue, settled, head, waiting, items)
-            waiting += 2
+                return False
+            # Its halves behind those that wait, in a ring, settled as far as it is.
+            for side in range(2):
+                place = (head + waiting) % queue.shape[0]
+                queue[place, 0] = queue[head, 0] + (side - 0.5) * half
+                queue[place, 1] = 0.5 * half
+                for item in range(items):
+                    settled[place, item] = settled[head, item]
+                waiting += 1
         # On to the next that waits.
         head = (head + 1) % queue.shape[0]
         waiting -= 1
-    return FREE
+    return True

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_cover import Cover
-from placement_planner_ros.core.collision.shapes import Shape, covered_mesh
+from placement_planner_ros.core.collision.meshes import MeshTree
+from placement_planner_ros.core.collision.shapes import Shape, convex_polytope
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.types import Array
 
@@ -14,5 +15,9 @@ from placement_planner_ros.core.types import Array
 def kept_shape(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
     """The shape of a mesh of vertices (n, 3) and triangles (t, 3) with a cover of it, from disk, or
     made and kept there."""
-    key = digest_of(code_digest(__name__), vertices, triangles, cover.parts, cover.excess)
-    return stored_result("mesh shapes", key, lambda: covered_mesh(cover, vertices, triangles))
+
+    def make() -> Shape:
+        return Shape(tuple(map(convex_polytope, cover.parts)), MeshTree.of(vertices, triangles))
+
+    key = digest_of(code_digest(__name__), vertices, triangles, cover.parts)
+    return stored_result("mesh shapes", key, make)

@@ -160,32 +160,20 @@ def _remembered_arrays(last: MeshTree, others: tuple[MeshTree, ...]) -> MeshArra
 
 def mesh_arrays(trees: Sequence[MeshTree]) -> MeshArrays:
     """Meshes one after the other."""
+    triangles = _first_rows([len(tree.closed) for tree in trees])
+    leaves = [tree.leaves[:-1] + first for tree, first in zip(trees, triangles, strict=False)]
+    closed = np.zeros(0, dtype=np.bool_), *(tree.closed for tree in trees)
     return MeshArrays(
         first_node=_first_rows([len(tree.boxes) for tree in trees]),
         first_leaf=_first_rows([len(tree.leaves) - 1 for tree in trees]),
         first_component=_first_rows([len(tree.components) for tree in trees]),
-        boxes=_stacked_rows([tree.boxes for tree in trees], 6),
-        leaves=np.concatenate(
-            [np.zeros(0, dtype=np.int64)]
-            + [
-                tree.leaves[:-1] + first
-                for tree, first in zip(trees, _first_triangles(trees), strict=False)
-            ]
-            + [_first_triangles(trees)[-1:]]
-        ),
-        corners=_stacked_rows([tree.corners for tree in trees], 3),
-        closed=np.concatenate([np.zeros(0, dtype=np.bool_), *(tree.closed for tree in trees)]),
-        components=_stacked_rows([tree.components for tree in trees], 3),
+        boxes=np.vstack([np.zeros((0, 6)), *(tree.boxes for tree in trees)]),
+        leaves=np.concatenate([*leaves, triangles[-1:]]),
+        corners=np.vstack([np.zeros((0, 3)), *(tree.corners for tree in trees)]),
+        closed=np.concatenate(closed),
+        components=np.vstack([np.zeros((0, 3)), *(tree.components for tree in trees)]),
     )
-
-
-def _first_triangles(trees: Sequence[MeshTree]) -> Indices:
-    return _first_rows([len(tree.closed) for tree in trees])
 
 
 def _first_rows(sizes: Sequence[int]) -> Indices:
     return np.cumsum([0, *sizes], dtype=np.int64)
-
-
-def _stacked_rows(arrays: Sequence[Array], columns: int) -> Array:
-    return np.ascontiguousarray(np.vstack([np.zeros((0, columns)), *arrays]))

@@ -11,7 +11,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.collision.swept_object import (
     SweptPoses,
     check_poses,
@@ -132,9 +131,9 @@ class ObjectCollision:
         )
 
     def _free(self, poses: SweptPoses, boxes: BoxArrays, margin: float) -> npt.NDArray[np.bool_]:
-        answers = np.empty(len(poses.T), dtype=np.int64)
+        answers = np.empty(len(poses.T), dtype=np.bool_)
         check_poses(self._object, boxes, self._scratch, poses, margin, answers)
-        return answers == FREE
+        return answers
 
     def _boxes_on(self, slope: Slope) -> BoxArrays:
         """The obstacle set with what is support, made once for each slope."""

@@ -1,76 +1,123 @@
-"""Tables of pairs of links with one or two revolute joints between them: where these are apart.
+"""Tables of pairs of links with one or two turning joints between them: where these are apart.
 
-How such a pair lies depends on two angles at most, so their plane is divided into cells. Either the
-links are certainly as far apart as stated throughout a cell, or the cell is open and says nothing.
-One joint is taken for two, of which the second does not turn. Tables depend on the robot alone:
-they are kept on disk and shared by all checkers of it.
+How such a pair lies depends on two angles at most, so their plane is divided into cells. A cell
+says how many cells away the nearest is in which the links may come near each other, which
+`against_robot.tabled_apart` asks. Tables depend on the robot alone: they are kept on disk and
+shared by all checkers of it.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from scipy.ndimage import distance_transform_cdt
 
+from placement_planner_ros.core.collision import arrays as at
+from placement_planner_ros.core.collision.against_robot import bodies_keep
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, FlatArm, scratch_for
+from placement_planner_ros.core.collision.edges import bound_motion
+from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.uncounted import Uncounted
-
-Indices = npt.NDArray[np.int64]
-
-CELLS_PER_TURN = 720
-"""Cells in a whole turn."""
-CELL_RAD = 2.0 * math.pi / CELLS_PER_TURN
 
 
-class PairTables(NamedTuple):
-    """Tables of t pairs for the kernels."""
+def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
+    """The same arm with a table for each pair of rigid links up to two turning joints apart.
 
-    lower: Array
-    """(t, 2) angles at which the two joints' first cells begin, rad."""
-    counts: Indices
-    """(t, 3) cells along the first joint, along the second, and where the table begins in `open`.
-
-    A joint that can turn all the way round has `CELLS_PER_TURN`, the first after the last.
+    Args:
+        clear: what tables certify, metres.
     """
-    clear: float
-    """Metres by which pairs are apart throughout a cell that says so."""
-    open: npt.NDArray[np.int32]
-    """(.,) of m by n cells (m + 1, n + 1) numbers: how many cells before a row and a column do not
-    say that a pair is apart."""
+    arrays, scratch, tables = flat.arrays, scratch_for(flat, 0), []
+    cells, lower = np.zeros((len(arrays.pairs), 3), np.int64), np.zeros((len(arrays.pairs), 2))
+    for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
+        # The joints between both, which have limits and turn.
+        inner, outer = flat.bodies[a], flat.bodies[b]
+        joints = np.arange(inner.joint + 1, outer.joint + 1)
+        limits = np.column_stack([chain.lower[joints], chain.upper[joints]])
+        rigid = inner.rigid and outer.rigid and not chain.prismatic[joints].any()
+        if len(joints) > 2 or not rigid or not np.isfinite(limits).all():
+            continue
+        step(f"tabling links {inner.name} and {outer.name}")
+        shape = (*((np.diff(limits) / at.CELL_RAD).astype(np.int64) + 1).ravel().tolist(), 1)[:2]
+        lower[row, : len(joints)] = limits[:, 0]
+        digests = map(flat.digest, (a, b))
+        key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)
+        make = partial(_cells_away, arrays, scratch, row, lower[row], clear, shape)
+        # One more table behind the others.
+        cells[row] = *shape, sum(map(len, tables))
+        tables.append(recalled_result("pair tables", key, make))
+    made = arrays._replace(
+        pair_cells=cells, pair_lower=lower, tables=_joined_tables(tuple(tables)), clear=clear
+    )
+    return replace(flat, arrays=made)
 
 
-def cell_count(lower: float, upper: float) -> int:
-    """How many a joint with these limits, rad, has."""
-    return min(math.floor((upper - lower) / CELL_RAD) + 1, CELLS_PER_TURN)
+@lru_cache(maxsize=8)
+def _joined_tables(tables: tuple[bytes, ...]) -> npt.NDArray[np.uint8]:
+    """One after the other; an arm has the same with whatever it holds."""
+    return np.frombuffer(b"".join(tables), np.uint8)
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def apart_within(
-    tables: PairTables, table: int, q1: float, q2: float, delta1: float, delta2: float
-) -> bool:
-    """Whether a pair is certainly `clear` apart wherever its joints are within ±delta of q.
+def _cells_away(
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    pair: int,
+    lower: Array,
+    clear: float,
+    shape: tuple[int, int],
+) -> bytes:
+    """Of each cell (m, n) how many cells away the nearest is that is not apart, or not there."""
+    apart = np.zeros(shape, np.bool_)
+    _fill_table(arm, scratch, pair, lower, clear, apart)
+    around = 1, int(shape[1] > 1)
+    away = distance_transform_cdt(np.pad(apart, [(k, k) for k in around]), "chessboard")
+    away = away[1:-1, around[1] : around[1] + shape[1]]
+    return np.minimum(away, 255).astype(np.uint8).tobytes()
 
-    It is where all cells say so that these ranges touch.
-    """
-    # Joint values and ranges in cells of the table; of a single one for all of them.
-    rows, columns, first = tables.counts[table, 0], tables.counts[table, 1], tables.counts[table, 2]
-    u, du = (q1 - tables.lower[table, 0]) / CELL_RAD, delta1 / CELL_RAD
-    v, dv = (q2 - tables.lower[table, 1]) / CELL_RAD, delta2 / CELL_RAD
-    if columns == 1:
-        v, dv = 0.5, 0.0
-    # A joint that goes round, within its first turn.
-    if rows == CELLS_PER_TURN:
-        u -= rows * np.floor((u - du) / rows)
-    if columns == CELLS_PER_TURN:
-        v -= columns * np.floor((v - dv) / columns)
-    # A range beyond the table, or across the end of a turn, is left to the other checks.
-    if not (u - du >= 0.0 and u + du < rows and v - dv >= 0.0 and v + dv < columns):
-        return False
-    # How many of the cells that the range touches are open.
-    i0, i1 = first + int(u - du) * (columns + 1), first + (int(u + du) + 1) * (columns + 1)
-    j0, j1 = int(v - dv), int(v + dv) + 1
-    opened = tables.open
-    return bool(opened[i1 + j1] - opened[i0 + j1] - opened[i1 + j0] + opened[i0 + j0] == 0)
+
+@njit(cache=True, nogil=True)
+def _fill_table(
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    pair: int,
+    lower: Array,
+    clear: float,
+    apart: npt.NDArray[np.bool_],
+) -> None:
+    """All cells (m, n) of a table: the whole of it, and where that is open its quarters."""
+    rows, columns = apart.shape
+    outer, joint = arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
+    dof = arm.fixed.shape[0] - 1
+    q, delta = np.zeros(dof), np.zeros(dof)
+    # Blocks that wait: first row, first column, cells along each side.
+    stack = np.zeros((64, 3), dtype=np.int64)
+    stack[0, 2] = 2 ** int(np.ceil(np.log2(max(rows, columns))))
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        k, m, size = stack[waiting]
+        # The block's middle, and half of what it spans, and a bit.
+        for i in range(1 if columns == 1 else 2):
+            first, count = (k, rows) if i == 0 else (m, columns)
+            delta[joint + i] = 0.5 * min(size, count - first) * at.CELL_RAD + 1e-9
+            q[joint + i] = lower[i] + first * at.CELL_RAD + delta[joint + i]
+        # What the pair keeps there, against all that may happen within the block.
+        place_joints(arm, scratch, q)
+        place_all_spheres(arm, scratch)
+        bound_motion(arm, scratch, delta, scratch.bound)
+        if bodies_keep(arm, scratch, pair, clear + scratch.bound[outer, joint], 0.0):
+            apart[k : k + size, m : m + size] = True
+        elif size > 1:
+            # The block's quarters, those that begin within the table.
+            half = size // 2
+            for corner in range(4):
+                k2, m2 = k + half * (corner % 2), m + half * (corner // 2)
+                if k2 < rows and m2 < columns:
+                    stack[waiting, 0], stack[waiting, 1], stack[waiting, 2] = k2, m2, half
+                    waiting += 1

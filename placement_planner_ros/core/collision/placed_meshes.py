@@ -7,8 +7,8 @@ from numba import njit
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_mesh import (
     box_corner,
-    mesh_meets_hull,
-    meshes_meet,
+    mesh_keeps_hull,
+    meshes_keep,
 )
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.types import Array
@@ -39,35 +39,25 @@ def _to_mesh(scratch: ArmScratch, row: int, x: float, y: float, z: float) -> Non
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def mesh_meets_box(
-    arm: ArmArrays,
-    scratch: ArmScratch,
-    mesh: int,
-    boxes: tuple[Array, int],
-    need: float,
-    hit: float,
-) -> int:
-    """A mesh against a box: FREE from `need` on, COLLIDING below `hit`.
+def mesh_keeps_box(
+    arm: ArmArrays, scratch: ArmScratch, mesh: int, boxes: Array, box: int, need: float
+) -> bool:
+    """Whether a mesh and a box of (m, 6) are certainly `need` apart.
 
     What is swept up meets a box where it meets, as it is, what the box sweeps downward.
-
-    Args:
-        boxes: (m, 6), and which of them.
     """
     # The box's corners in the mesh's frame.
     _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
     for row in range(8):
-        x, y, z = box_corner(boxes[0], boxes[1], row)
+        x, y, z = box_corner(boxes, box, row)
         _to_mesh(scratch, row, x, y, z - scratch.sweep[0] if row & 4 == 0 else z)
     tree = arm.meshes[mesh, at.MESH_TREE]
-    return mesh_meets_hull(arm.trees, tree, scratch.mesh_points, 8, need, hit, scratch.work)
+    return mesh_keeps_hull(arm.trees, tree, scratch.mesh_points, 8, need, scratch.work)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def mesh_meets_set(
-    arm: ArmArrays, scratch: ArmScratch, mesh: int, s: int, need: float, hit: float
-) -> int:
-    """A mesh against convex set s, placed: FREE from `need` on, COLLIDING below `hit`."""
+def mesh_keeps_set(arm: ArmArrays, scratch: ArmScratch, mesh: int, s: int, need: float) -> bool:
+    """Whether a mesh and convex set s, placed, are certainly `need` apart."""
     # The set's vertices in the mesh's frame.
     _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
     first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
@@ -75,22 +65,15 @@ def mesh_meets_set(
     for v in range(first, last):
         _to_mesh(scratch, v - first, world[v, 0], world[v, 1], world[v, 2])
     # The mesh against their hull, the radius added.
-    return mesh_meets_hull(
-        arm.trees,
-        arm.meshes[mesh, at.MESH_TREE],
-        scratch.mesh_points,
-        last - first,
-        need + arm.radius[s],
-        hit + arm.radius[s],
-        scratch.work,
-    )
+    tree, points, far = arm.meshes[mesh, at.MESH_TREE], scratch.mesh_points, need + arm.radius[s]
+    return mesh_keeps_hull(arm.trees, tree, points, last - first, far, scratch.work)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def placed_meshes_meet(
-    arm: ArmArrays, scratch: ArmScratch, mesh: int, other: int, need: float, hit: float
-) -> int:
-    """Two meshes: FREE from `need` on, COLLIDING below `hit`."""
+def placed_meshes_keep(
+    arm: ArmArrays, scratch: ArmScratch, mesh: int, other: int, need: float
+) -> bool:
+    """Whether two meshes are certainly `need` apart."""
     # Both meshes in the world.
     A, B, T = scratch.mesh_frames[0], scratch.mesh_frames[1], scratch.mesh_frames[2]
     _place_mesh(arm, scratch, mesh, A)
@@ -103,4 +86,4 @@ def placed_meshes_meet(
         for i in range(3):
             T[i, j] = A[0, i] * x + A[1, i] * y + A[2, i] * z
     pair = arm.meshes[mesh, at.MESH_TREE], arm.meshes[other, at.MESH_TREE]
-    return meshes_meet(arm.trees, pair, T, need, hit, scratch.mesh_points, scratch.work)
+    return meshes_keep(arm.trees, pair, T, need, scratch.mesh_points, scratch.work)

@@ -93,23 +93,3 @@ def place_body(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     place_spheres(arm, scratch, body)
     for s in range(arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]):
         place_set(arm, scratch, s)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
-    """Planes of convex set s in the world."""
-    frames, sets = scratch.frames, arm.sets
-    # Each normal turned, its offset moved along it.
-    joint = sets[s, at.SET_JOINT]
-    planes, moved = arm.planes, scratch.planes
-    for v in range(sets[s, at.SET_FIRST_PLANE], sets[s + 1, at.SET_FIRST_PLANE]):
-        offset = planes[v, 3]
-        for i in range(3):
-            n = (
-                frames[joint, i, 0] * planes[v, 0]
-                + frames[joint, i, 1] * planes[v, 1]
-                + frames[joint, i, 2] * planes[v, 2]
-            )
-            moved[v, i] = n
-            offset += n * frames[joint, i, 3]
-        moved[v, 3] = offset

@@ -13,12 +13,9 @@ from functools import lru_cache
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.convex_cover import Cover
-from placement_planner_ros.core.body.polytope import hull_around
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
@@ -55,12 +52,10 @@ class Shape:
     Attributes:
         sets: the convex sets that together contain it.
         mesh: its triangles, where the sets are a cover.
-        excess: no point of the cover is further than this from the mesh or its inside, metres.
     """
 
     sets: tuple[ConvexSet, ...]
     mesh: MeshTree | None = None
-    excess: float = 0.0
 
 
 def convex_polytope(vertices: Array, radius: float = 0.0) -> ConvexSet:
@@ -86,20 +81,16 @@ def merge_planes(equations: Array) -> Array:
     return np.asarray(equations[np.sort(first)])
 
 
-def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = None) -> Shape:
-    """The convex sets of a coal geometry, in its own frame.
+def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
+    """The convex set of a coal geometry, in its own frame.
 
     Args:
-        geometry: primitive, Convex or BVH.
+        geometry: primitive or Convex.
         name: the link's or geometry's name, for errors.
-        cover: of a BVH; without one its hull has to do.
 
     Raises:
         RobotError: empty, not finite, without volume, or of a kind no robot link has.
     """
-    # A mesh by its cover.
-    if isinstance(geometry, coal.BVHModelBase):
-        return _mesh_shape(geometry, name, cover)
     radius = (
         float(geometry.getSweptSphereRadius()) if hasattr(geometry, "getSweptSphereRadius") else 0.0
     )
@@ -145,34 +136,6 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
             f"{len(vertices)} vertices without volume",
             "give every side a length above zero",
         ) from error
-
-
-def triangle_mesh(geometry: coal.BVHModelBase) -> tuple[Array, np.ndarray]:
-    """Vertices (n, 3) and triangles (t, 3) of a coal mesh."""
-    vertices = np.array(geometry.vertices())
-    rows = (geometry.tri_indices(i) for i in range(geometry.num_tris))
-    triangles = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64)
-    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
-
-
-def _mesh_shape(geometry: coal.BVHModelBase, name: str, cover: Cover | None) -> Shape:
-    vertices, triangles = triangle_mesh(geometry)
-    if not len(triangles) or not np.isfinite(vertices).all():
-        raise RobotError(
-            f"collision geometry of {name}",
-            f"{len(triangles)} triangles",
-            "the mesh is empty or has vertices that are not finite: repair the file",
-        )
-    if cover is None:
-        # A sheet in one plane has no hull of its own: thickened, it has.
-        cover = Cover((hull_around(vertices).vertices,), np.inf, closed=False)
-    return covered_mesh(cover, vertices, triangles)
-
-
-def covered_mesh(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
-    """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it."""
-    sets = tuple(convex_polytope(part) for part in cover.parts)
-    return Shape(sets, MeshTree.of(vertices, triangles), cover.excess)
 
 
 def _circumscribed_polygon(radius: float) -> Array:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.spheres import bounding_sphere, one_sphere, sphere_trees
+from placement_planner_ros.core.collision.spheres import bounding_sphere, sphere_trees
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -52,10 +52,9 @@ class SolidRows:
         nodes: (k, 2) next node not below, set of a leaf or -1.
         node_spheres: (k, 4) centre and radius.
         node_inner: (k,) radius of a ball around the same centre that lies inside, -inf without.
-        sets: (s, 4) first node, first vertex, first plane, mesh that it covers or -1.
+        sets: (s, 3) first node, first vertex, mesh that it covers or -1.
         radius: (s,) that each set is dilated by.
-        excess: (s,) no point of a set is further than this from its mesh, or what that encloses.
-        vertices: (v, 3); `planes` (f, 4) normal and offset.
+        vertices: (v, 3).
         meshes: trees; `mesh_frames` (g, 4, 4) where each is.
     """
 
@@ -64,38 +63,31 @@ class SolidRows:
     node_inner: Array
     sets: Indices
     radius: Array
-    excess: Array
     vertices: Array
-    planes: Array
     meshes: tuple[MeshTree, ...]
     mesh_frames: Array
 
     @classmethod
-    def of(cls, shape: Shape, excess: float | None) -> SolidRows:
+    def of(cls, shape: Shape, excess: float) -> SolidRows:
         """Of a shape in its own frame.
 
         Args:
-            excess: how far the finest covering spheres may stick out, metres; None for one sphere
-                around each set.
+            excess: how far the finest covering spheres may stick out, metres; infinite for one
+                sphere around each set.
         """
         mesh = -1 if shape.mesh is None else 0
-        trees = (
-            tuple(map(one_sphere, shape.sets)) if excess is None else sphere_trees(shape, excess)
-        )
         rows = [
             cls(
                 np.column_stack([tree.skip, np.where(tree.leaf, 0, -1)]),
                 np.column_stack([tree.centers, tree.radii]),
                 tree.inner,
-                np.array([[0, 0, 0, mesh]]),
+                np.array([[0, 0, mesh]]),
                 np.array([convex.radius]),
-                np.array([shape.excess]),
                 convex.vertices,
-                np.column_stack([convex.normals, convex.offsets]),
                 (),
                 np.zeros((0, 4, 4)),
             )
-            for convex, tree in zip(shape.sets, trees, strict=True)
+            for convex, tree in zip(shape.sets, sphere_trees(shape, excess), strict=True)
         ]
         joined = rows[0] if len(rows) == 1 else cls.joined(rows)
         if shape.mesh is None:
@@ -105,7 +97,7 @@ class SolidRows:
     @classmethod
     def joined(cls, rows: Sequence[SolidRows]) -> SolidRows:
         """One below the other, their numbers counted on."""
-        begins = np.cumsum([np.zeros(5, dtype=np.int64), *(each.sizes for each in rows)], axis=0)
+        begins = np.cumsum([np.zeros(4, dtype=np.int64), *(each.sizes for each in rows)], axis=0)
         nodes, sets = [], []
         for each, (node, first_set, *others) in zip(rows, begins[:-1].tolist(), strict=True):
             nodes.append(np.where(each.nodes >= 0, each.nodes + np.array([node, first_set]), -1))
@@ -116,28 +108,24 @@ class SolidRows:
             np.concatenate([each.node_inner for each in rows]),
             np.vstack(sets),
             np.concatenate([each.radius for each in rows]),
-            np.concatenate([each.excess for each in rows]),
             np.vstack([each.vertices for each in rows]),
-            np.vstack([each.planes for each in rows]),
             tuple(tree for each in rows for tree in each.meshes),
             np.vstack([each.mesh_frames for each in rows]),
         )
 
     @property
-    def sizes(self) -> tuple[int, int, int, int, int]:
-        """How many nodes, sets, vertices, planes and meshes."""
-        sets, meshes = len(self.radius), len(self.meshes)
-        return len(self.nodes), sets, len(self.vertices), len(self.planes), meshes
+    def sizes(self) -> tuple[int, int, int, int]:
+        """How many nodes, sets, vertices and meshes."""
+        return len(self.nodes), len(self.radius), len(self.vertices), len(self.meshes)
 
     def moved(self, T: pin.SE3) -> SolidRows:
         """The same elsewhere."""
         R, p = T.rotation, T.translation
-        spheres, normals = self.node_spheres, self.planes[:, :3] @ R.T
+        spheres = self.node_spheres
         return replace(
             self,
             node_spheres=np.column_stack([spheres[:, :3] @ R.T + p, spheres[:, 3]]),
             vertices=self.vertices @ R.T + p,
-            planes=np.column_stack([normals, self.planes[:, 3] + normals @ p]),
             mesh_frames=T.homogeneous @ self.mesh_frames,
         )
 

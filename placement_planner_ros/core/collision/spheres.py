@@ -8,7 +8,6 @@ it, inside included.
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +39,6 @@ class SphereTree:
             known to be.
         skip: (n,) the next sphere not below this one.
         leaf: (n,) whether there are none below.
-        excess: a bound on how far any leaf sticks out of the set, metres.
     """
 
     centers: Array
@@ -48,7 +46,6 @@ class SphereTree:
     inner: Array
     skip: npt.NDArray[np.int64]
     leaf: npt.NDArray[np.bool_]
-    excess: float
 
 
 @weak_lru_cache("shape", maxsize=8)
@@ -83,22 +80,14 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
     return replace(tree, inner=frozen_array(inner))
 
 
-def one_sphere(convex: ConvexSet) -> SphereTree:
-    """A single sphere around a set."""
-    center, ball = bounding_sphere(convex.vertices)
-    return _tree_of(
-        [(*center.tolist(), ball + convex.radius + _PADDING_M, -math.inf, 1, True)], ball
-    )
-
-
-def _tree_of(rows: list[tuple[float, ...]], excess: float) -> SphereTree:
+def _tree_of(rows: list[tuple[float, ...]]) -> SphereTree:
     """Of rows of centre, radius, inner radius, next sphere not below, and whether it is a leaf."""
     table = np.array(rows)
     skip, leaf = table[:, 5].astype(np.int64), table[:, 6] > 0.0
     for array in (skip, leaf):
         array.setflags(write=False)
     spheres = frozen_array(table[:, :3]), frozen_array(table[:, 3]), frozen_array(table[:, 4])
-    return SphereTree(*spheres, skip, leaf, excess)
+    return SphereTree(*spheres, skip, leaf)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -112,22 +101,17 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
     else:  # a point or the axis of a capsule
         facets, edges = np.zeros((1, 4)), points[[[0, len(points) - 1]]]
     rows: list[tuple[float, ...]] = []
-    greatest = 0.0
 
     def split(piece: Array, depth: int) -> None:
-        nonlocal greatest
         # The centre is a mean of the piece's corners, so the set holds it.
         corners = np.unique(piece.reshape(-1, 3), axis=0)
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
-        sticks_out = ball - inside
-        leaf = sticks_out <= excess or depth == _MAX_TREE_DEPTH
+        leaf = ball - inside <= excess or depth == _MAX_TREE_DEPTH
         row = len(rows)
         rows.append(())
         # A leaf where the sphere sticks out little, else both halves.
-        if leaf:
-            greatest = max(greatest, sticks_out)
-        else:
+        if not leaf:
             # Cut in the middle of the longest extent.
             along = np.linalg.eigh(np.cov(corners.T, bias=True))[1][:, 2]
             heights = piece @ along
@@ -138,7 +122,7 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
         rows[row] = (*center.tolist(), *spheres, len(rows), leaf)
 
     split(edges, 0)
-    return _tree_of(rows, greatest)
+    return _tree_of(rows)
 
 
 def _lower_part(edges: Array, heights: Array) -> Array:

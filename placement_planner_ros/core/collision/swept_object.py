@@ -19,7 +19,7 @@ from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
     distance_bounds,
-    open_leaves_meet_boxes,
+    leaf_keeps_boxes,
 )
 from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
@@ -29,7 +29,7 @@ from placement_planner_ros.core.collision.arrays import (
 )
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.placing import place_frame
-from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.solids import SolidRows
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
@@ -48,13 +48,11 @@ class SweptPoses(NamedTuple):
 
 
 class SweptObject(NamedTuple):
-    """The object laid out as an arm without joints, and what of it a sweep changes, at rest."""
+    """The object laid out as an arm without joints, and its balls at rest; a sweep changes them."""
 
     arm: ArmArrays
     balls: Array
     """(s, 4) around each set."""
-    offsets: Array
-    """(f,) of the planes."""
 
 
 def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
@@ -63,22 +61,21 @@ def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
     Args:
         boxes: how many obstacles the work space is for.
     """
-    rows = SolidRows.joined([SolidRows.of(solid.shape, None) for solid in object_solids(body)])
+    rows = SolidRows.joined([SolidRows.of(solid.shape, np.inf) for solid in object_solids(body)])
     ends = np.append(rows.sets[1:, at.SET_FIRST_VERTEX], len(rows.vertices))
     parts = np.split(rows.vertices, ends[:-1])
     rows = replace(
         rows,
         vertices=np.vstack([part for part in parts for _ in range(2)]),
-        sets=rows.sets * np.where(np.arange(4) == at.SET_FIRST_VERTEX, 2, 1),
+        sets=rows.sets * np.where(np.arange(3) == at.SET_FIRST_VERTEX, 2, 1),
     )
     flat = lone_body(rows)
-    at_rest = rows.node_spheres.copy(), rows.planes[:, 3].copy()
-    return SweptObject(flat.arrays, *at_rest), scratch_for(flat, boxes)
+    return SweptObject(flat.arrays, rows.node_spheres.copy()), scratch_for(flat, boxes)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _sweep_set(thing: SweptObject, s: int, up: tuple[float, float, float], raised: float) -> None:
-    """Make the second copy of a set's vertices, its planes and its ball.
+    """Make the second copy of a set's vertices, and its ball.
 
     Args:
         up: the way from rest to raised, in the object's frame.
@@ -94,11 +91,6 @@ def _sweep_set(thing: SweptObject, s: int, up: tuple[float, float, float], raise
             arm.vertices[v + count, i] = arm.vertices[v, i] + up[i]
         arm.node_spheres[node, i] = thing.balls[s, i] + 0.5 * up[i]
     arm.node_spheres[node, 3] = thing.balls[s, 3] + 0.5 * raised
-    # Planes that face up belong to the raised copy.
-    planes = arm.planes
-    for v in range(arm.sets[s, at.SET_FIRST_PLANE], arm.sets[s + 1, at.SET_FIRST_PLANE]):
-        along = planes[v, 0] * up[0] + planes[v, 1] * up[1] + planes[v, 2] * up[2]
-        planes[v, 3] = thing.offsets[v] + max(along, 0.0)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -120,7 +112,7 @@ def check_poses(
     scratch: ArmScratch,
     poses: SweptPoses,
     margin: float,
-    answers: npt.NDArray[np.int64],
+    answers: npt.NDArray[np.bool_],
 ) -> None:
     """Whether the object keeps the margin on its way straight down onto each pose.
 
@@ -132,7 +124,7 @@ def check_poses(
         T, raised = poses.T[row], poses.raised[row]
         place_frame(scratch, 0, T)
         # The ball around all of the object.
-        answers[row] = FREE
+        answers[row] = True
         if boxes.number == 0 or _ball_clear(boxes, frames, arm.body_spheres[0], raised, margin):
             continue
         # The support is that of this pose.
@@ -144,8 +136,8 @@ def check_poses(
             if _ball_clear(boxes, frames, thing.balls[s], raised, margin):
                 continue
             _sweep_set(thing, s, up, raised)
-            scratch.leaves[0] = arm.sets[s, at.SET_FIRST_NODE]
-            scratch.leaf_bound[0] = -np.inf
-            answers[row] = open_leaves_meet_boxes(arm, boxes, scratch, 1, margin, margin)
-            if answers[row] != FREE:
+            scratch.counters[1] += 1
+            node = arm.sets[s, at.SET_FIRST_NODE]
+            if not leaf_keeps_boxes(arm, boxes, scratch, node, margin, True):
+                answers[row] = False
                 break

@@ -69,7 +69,7 @@ def usable_holdings(
             open_hand, held = open_hands[id(obstacles)], AttachedObject(body, grasp)
             rules = StartRules(settings.collision, obstacles, settings.tilt, keep_out)
             placed = StartState(moving.robot, moving.q_rest, body, rules)
-            bad = _grasp_error(placed, moving, held, open_hand, settings)
+            bad = _grasp_error(placed, moving, held, settings.require_retreat)
             if bad is not None:
                 bad_grasps.append(bad)
                 continue
@@ -93,17 +93,13 @@ def usable_holdings(
 
 
 def _grasp_error(
-    placed: StartState,
-    moving: MovingArm,
-    held: AttachedObject,
-    open_hand: OpenHand,
-    settings: GraspSettings,
+    placed: StartState, moving: MovingArm, held: AttachedObject, release: bool
 ) -> GraspError | None:
     """All that is wrong with a grasp, at once: the object lies in the hand, or could not be let go
     wherever it stood."""
     errors = [placed.object_in_hand(moving.arm, held.grasp)]
-    if settings.require_retreat:
-        errors += [opening_error(moving, held), open_hand.leaving_error(held.grasp)]
+    if release:
+        errors.append(opening_error(moving, held))
     found = [error for error in errors if error is not None]
     if not found:
         return None

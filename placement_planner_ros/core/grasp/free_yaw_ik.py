@@ -16,7 +16,7 @@ from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import Turntable
-from placement_planner_ros.core.types import LEVEL, Array, Slope, upright
+from placement_planner_ros.core.types import Array
 
 _SEED_TURNS = 8
 """Turns of the object about which seeds are looked for."""
@@ -26,10 +26,6 @@ _OFFERED_TURNS = 4
 """Turns of the object at most that are offered at one place."""
 _SAME_TURN_RAD = 1e-2
 """rad, turns that differ by less are one."""
-_LEAST_RANK_SHARE = 1e-3
-"""Share of the largest singular value below which there is none."""
-_MISSED_SHARE = 1e-2
-"""Share of a change that joints may miss; inverse kinematics makes up for it."""
 
 
 class FreeYawIK:
@@ -125,32 +121,6 @@ class FreeYawIK:
         x = _turned_face(T_world_face, reached[1]) * T_face_object
         tracked = self._ik.track(self._tip(x)[None], reached[0])
         return None if tracked is None else (x, tracked[-1])
-
-    def nearest_change(self, q: Array, change: Array, radius: float, slope: Slope = LEVEL) -> Array:
-        """The nearest change of the pose in (x, y, e_z) that the joints can make from q (dof,).
-
-        A change c moves the object's origin and turns it, T(c) = (x, y, rise, e_z n). The joints'
-        twists are the range of the Jacobian; of the c for which T(c) is in it, this is the nearest.
-
-        Args:
-            change: (3,) m, m and rad.
-            radius: m that a radian counts as.
-        """
-        # The range of the Jacobian, a radian weighing as much as the radius.
-        J = self._chain.jacobian(q, self._T_tip_object.homogeneous)
-        J[3:] *= radius
-        U, sizes, _ = np.linalg.svd(J, full_matrices=False)
-        U = U[:, sizes > _LEAST_RANK_SHARE * sizes[0]]
-        # The twist of each coordinate of a change.
-        twists = np.zeros((6, 3))
-        twists[:2, :2] = np.eye(2)
-        twists[2, :2] = slope
-        twists[3:, 2] = upright(slope)[:, 2]  # for a radian; `radius` metres on both sides
-        # Combinations of coordinates whose twists the joints can make.
-        _, missed, V = np.linalg.svd(twists - U @ (U.T @ twists))
-        within = V[missed <= _MISSED_SHARE]
-        scale = np.array([1.0, 1.0, radius])
-        return np.asarray(within.T @ (within @ (change * scale)) / scale)
 
     def _turntable(self, T_face_object: pin.SE3) -> Turntable:
         """Of a face, made once."""

@@ -8,9 +8,8 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_overlaps
-from placement_planner_ros.core.errors import GraspError, RobotError
+from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import (
-    STILL_M,
     joint_frames,
     moving_coordinates,
     revolute_coordinates,
@@ -25,8 +24,6 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 _OPENING_STEP_M = 1e-3
 _OPENING_STEP_RAD = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
-_MAX_OPENINGS = 5000
-"""Openings that are looked at, at most: 5 m, or 50 rad."""
 _ADDED_DEPTH_M = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 _FINE_DEPTH_M = 2e-5
@@ -63,13 +60,6 @@ def _pushing_links(
     change = robot.with_open_hand(q, arm) - q
     step_sizes = np.where(revolute_coordinates(robot), _OPENING_STEP_RAD, _OPENING_STEP_M)
     steps = max(1, int(np.ceil(np.abs(change / step_sizes).sum())))
-    if steps > _MAX_OPENINGS:
-        raise RobotError(
-            f"{arm.name}.gripper_open",
-            list(arm.gripper_open),
-            f"is too far from where the gripper is: {steps} steps of {_OPENING_STEP_M:g} m or "
-            f"{_OPENING_STEP_RAD:g} rad, and {_MAX_OPENINGS} are looked at; give it in m or rad",
-        )
     frames = joint_frames(robot, q, change, steps)
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
@@ -93,13 +83,6 @@ def _added_depth(
 ) -> float:
     """How much deeper the first shape gets into the second, at a pose, than it begins, metres."""
     i, j = pair
-    # The gap of two solids is a convex function of the way that one slides along.
-    turned = max(float(np.abs(place.rotation - places[0].rotation).max()) for place in places)
-    if turned <= STILL_M and not overlaps.has_mesh(i, j):
-        first, second = (overlaps.solids_gap(i, j, place, at) for place in places[:2])
-        last = first + (len(places) - 1) * min(second - first, 0.0)
-        if last > min(first, 0.0) - _ADDED_DEPTH_M:
-            return 0.0
     # Places where the balls around both meet.
     middles = np.array([place.act(overlaps.centers[i]) for place in places])
     away = np.linalg.norm(middles - at.act(overlaps.centers[j]), axis=1)

@@ -6,12 +6,13 @@ the way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import bisect
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
@@ -20,9 +21,9 @@ from placement_planner_ros.core.collision.arm import (
     CollisionSettings,
 )
 from placement_planner_ros.core.collision.attached_object import PlacedObject
-from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
-from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, PARTING_M, GraspSettings
+from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, GraspSettings
+from placement_planner_ros.core.grasp.straight_down import UP
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -30,10 +31,22 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
+PARTING_M = 0.003
+"""m of the retreat, at the longest, on which links of the open hand may touch the object still."""
 _TOUCHING_M = 1e-3
 """m; a touch link of the open hand that is closer to the object than this touches it still."""
-_BISECTIONS = 20
-_STATION_ROUNDING_M = 1e-9
+_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+_TIP_DIRECTIONS = [
+    np.array(direction) / np.linalg.norm(direction)
+    for direction in (
+        (0.0, 0.0, -1.0),
+        *((x, y, -1.0) for x, y in _SIDEWAYS),
+        *((x, y, 0.0) for x, y in _SIDEWAYS),
+        (0.0, 0.0, 1.0),
+    )
+]
+"""Of retreat, in the tip frame: back along z, slanting to each side, then sideways, and last
+forward along z, as some hands point along their frame's -z. Up is tried after these."""
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
@@ -61,7 +74,7 @@ class OpenHand:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
         # The arm with its hand open, and with what it sweeps by opening.
         opened = moving.with_open_hand()
-        self._arm, self._body, self._room = arm, body, settings.room
+        self._arm = arm
         self._settings = settings.retreat
         self._reserve = collision.planning_reserve
         self._ik = InverseKinematics(Chain.from_robot(robot, arm, opened.q_rest), settings.ik)
@@ -86,47 +99,6 @@ class OpenHand:
         """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
         return self._opening.free(q, self._reserve)
 
-    def leaving_error(self, grasp: int) -> GraspError | None:
-        """What the hand meets on each of its straight ways off the object; None where one is clear.
-
-        Only the hand and the object are looked at, wherever these come to be. What is refused here
-        no placement could have: whatever stands around, and whatever the arm does, each way of
-        `retreat` leads a link of the hand through the object, or too close past it.
-        """
-        # The links of the hand against the placed object, and nothing else.
-        hand = self._open.hand_links
-        alone = self._open.with_pairs(
-            lambda a, b: PLACED_OBJECT in (a, b) and bool(hand & {a, b}), environment=False
-        )
-        T_object = pin.SE3(self._T_tip_zero) * self._arm.grasps[grasp]
-        stations = self._stations(PARTING_M)
-        met: list[tuple[float, str]] = []
-        for words, direction in self._named_directions(T_object):
-            step(f"looking whether the hand of arm {self._arm.name} can leave the object")
-            # To move the object the other way is the same.
-            for station in stations.tolist():
-                self._place(pin.SE3(T_object.rotation, T_object.translation - station * direction))
-                found = alone.meeting(np.zeros(self._arm.dof), self._reserve)
-                if found is not None:
-                    link = found.first if found.second == PLACED_OBJECT else found.second
-                    met.append((station, f"{words}, where {link} is nearer after {station:.3f} m"))
-                    break
-            else:
-                return None
-        # In words: the first way and the furthest.
-        furthest = max(met, key=lambda each: each[0])
-        told = met[0][1]
-        if furthest != met[0]:
-            told += f", and at the furthest {furthest[1]}"
-        return GraspError(
-            f"{self._arm.name}.grasps[{grasp}]",
-            pin.SE3ToXYZQUAT(self._arm.grasps[grasp]).round(4).tolist(),
-            f"the open hand can leave the object in none of the {len(met)} directions that are "
-            f"tried, {self._room:g} m from it: {told}; open the hand further (gripper_open), hold "
-            "the object where the fingers do not close around it and the hand does not lie in it, "
-            "check object.scale, or set require_retreat to false",
-        )
-
     def retreat(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Array | None:
         """(m, dof) certified waypoints straight away from the object, from q on; None without.
 
@@ -137,11 +109,7 @@ class OpenHand:
         self._place(T_world_object)
         T_world_tip = self._ik.chain.forward(q)
         # The first direction in which a way is found.
-        for direction in _unit_vectors(self._settings.tip_directions):
-            way = self._way(q, grasp, T_world_tip, T_world_tip[:3, :3] @ direction)
-            if way is not None:
-                return way
-        for direction in _unit_vectors(self._settings.world_directions):
+        for direction in (*(T_world_tip[:3, :3] @ each for each in _TIP_DIRECTIONS), UP):
             way = self._way(q, grasp, T_world_tip, direction)
             if way is not None:
                 return way
@@ -165,11 +133,14 @@ class OpenHand:
             near, far = (a, b) if gone(a) <= gone(b) else (b, a)
             # The part of the motion on which links may touch.
             if self.touching[grasp] and gone(near) < PARTING_M:
-                parting, parted = self._parting[grasp], gone(far) > PARTING_M
-                last = _configuration_between(near, far, gone) if parted else far
-                if not parting.edge_free(near, last, deviation=deviation):
+                last = far
+                if gone(far) > PARTING_M:
+                    way = far - near
+                    share = bisect(lambda k: gone(near + k * way) - PARTING_M, 0.0, 1.0)
+                    last = near + share * way
+                if not self._parting[grasp].edge_free(near, last, deviation=deviation):
                     return False
-                if not parted:
+                if last is far:
                     return True
                 near = last
             return self._open.edge_free(near, far, deviation=deviation)
@@ -181,14 +152,6 @@ class OpenHand:
             self._open.place(T_world_object)
             self._placed = pin.SE3(T_world_object)
 
-    def _stations(self, beyond: float) -> Array:
-        """(n,) metres of the retreat at which there are waypoints, from `beyond` on."""
-        settings = self._settings
-        # Equal steps of the retreat, those before `beyond` left out.
-        steps = max(1, round(settings.retreat_distance / settings.retreat_step))
-        stations = settings.retreat_distance / steps * np.arange(1, steps + 1)
-        return np.unique([beyond, *stations[stations > beyond + _STATION_ROUNDING_M]])
-
     def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
         """(m, dof) certified waypoints along a direction (3,); None without."""
         way: Array | None = q[None]
@@ -199,14 +162,17 @@ class OpenHand:
             first = _poses_along(T_world_tip, direction, np.array([begin]))
             way = self._followed(q[None], self._parting[grasp], first)
         # Then all that the way takes, and on until the whole hand is off.
-        stations = self._stations(begin)[1:]
-        further = self._settings.retreat_step
-        while way is not None and stations[-1] <= LONGEST_RETREAT_M + _STATION_ROUNDING_M:
-            poses = _poses_along(T_world_tip, direction, stations)
-            way = self._followed(way, self._open, poses)
+        settings = self._settings
+        steps = max(1, round(settings.retreat_distance / settings.retreat_step))
+        step_size = settings.retreat_distance / steps
+        stations = step_size * np.arange(1, round(LONGEST_RETREAT_M / step_size) + 1)
+        least = stations[:steps]
+        for further in (least[least > begin], *stations[steps:, None]):
+            if way is None:
+                return None
+            way = self._followed(way, self._open, _poses_along(T_world_tip, direction, further))
             if way is not None and self._parted.free(way[-1], self._reserve):
                 return way
-            stations = stations[-1:] + further
         return None
 
     def _followed(self, way: Array, arm: ArmCollision, poses: Array) -> Array | None:
@@ -219,20 +185,6 @@ class OpenHand:
             if not arm.edge_free(a, b, reserve=self._reserve):
                 return None
         return np.vstack([way, tracked])
-
-    def _named_directions(self, T_object: pin.SE3) -> Iterator[tuple[str, Array]]:
-        """Directions (3,) of the ways off an object at T_object with all joints at zero, in words;
-        those in the world for each side that the object can stand on."""
-        for direction in _unit_vectors(self._settings.tip_directions):
-            yield (
-                f"along {_numbers(direction)} in the tip frame",
-                self._T_tip_zero[:3, :3] @ direction,
-            )
-        for direction in _unit_vectors(self._settings.world_directions):
-            for number, face in enumerate(self._body.faces):
-                words = f"along {_numbers(direction)} with the object standing on face {number}"
-                R_object_face = face.T_face_object.rotation.T
-                yield words, T_object.rotation @ R_object_face @ direction
 
     def _touching_links(self, grasp: int) -> frozenset[str]:
         """Touch links that touch the object held so, the hand open."""
@@ -254,28 +206,8 @@ class OpenHand:
         return self._open.with_pairs(lambda a, b: PLACED_OBJECT not in (a, b) or not links & {a, b})
 
 
-def _unit_vectors(directions: tuple[tuple[float, float, float], ...]) -> list[Array]:
-    return [np.array(each) / np.linalg.norm(each) for each in directions]
-
-
-def _numbers(direction: Array) -> str:
-    return f"({', '.join(f'{x:.3g}' for x in direction)})"
-
-
 def _poses_along(T_world_tip: Array, direction: Array, distances: Array) -> Array:
     """(n, 4, 4) the pose moved by distances (n,) along a direction (3,)."""
     poses = np.repeat(T_world_tip[None], len(distances), axis=0)
     poses[:, :3, 3] += distances[:, None] * direction
     return poses
-
-
-def _configuration_between(near: Array, far: Array, gone: Callable[[Array], float]) -> Array:
-    """Where on the straight motion from `near` to `far` (dof,) the tip has gone `PARTING_M`, or
-    just less."""
-    # Bisect, keeping the end that has not gone too far.
-    low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        parted = gone(near + middle * (far - near)) > PARTING_M
-        low, high = (low, middle) if parted else (middle, high)
-    return np.asarray(near + low * (far - near))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.errors import ParameterError
@@ -14,11 +12,6 @@ from placement_planner_ros.core.settings import Settings, setting
 
 LONGEST_RETREAT_M = 0.5
 """m."""
-PARTING_M = 0.003
-"""m of the retreat, at the longest, on which links of the open hand may touch the object still."""
-_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
-
-Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +51,6 @@ class RetreatSettings(Settings):
         retreat_distance: at least; it goes on until the hand keeps the collision margin from the
             object.
         retreat_step: distance between joint waypoints.
-        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
-            default back along z, slanting to each side, then sideways, and last forward along z, as
-            some hands point along their frame's -z.
-        world_directions: tried next, in the planning frame.
     """
 
     retreat_distance: float = setting(
@@ -71,23 +60,6 @@ class RetreatSettings(Settings):
         "Length of the straight way that the open hand takes off the placed object.",
     )
     retreat_step: float = setting(0.01, "[0.001, 0.1]", "m")
-    tip_directions: tuple[Direction, ...] = (
-        (0.0, 0.0, -1.0),
-        *((x, y, -1.0) for x, y in _SIDEWAYS),
-        *((x, y, 0.0) for x, y in _SIDEWAYS),
-        (0.0, 0.0, 1.0),
-    )
-    world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        if not (self.tip_directions or self.world_directions):
-            raise ParameterError("tip_directions", (), "give at least one direction of retreat")
-        for name in ("tip_directions", "world_directions"):
-            for direction in getattr(self, name):
-                length = float(np.linalg.norm(direction))
-                if len(direction) != 3 or not 1e-6 < length < np.inf:
-                    raise ParameterError(name, direction, "give three numbers, not all zero")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +77,3 @@ class GraspSettings:
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     require_retreat: bool = True
     tilt: TiltLimit | None = None
-
-    @property
-    def room(self) -> float:
-        """m by which a link of the open hand must be off the object after `PARTING_M` of its way
-        and from then on: the margin of links, and what planning keeps beyond it."""
-        keep = self.collision
-        return keep.self_margin + min(keep.planning_reserve, keep.self_reserve)

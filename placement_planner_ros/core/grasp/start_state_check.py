@@ -7,6 +7,7 @@ spheres. `usable_holdings` asks it why, where q_0 is not certain to be free.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
@@ -109,22 +110,6 @@ def faults_at_start(
     return (*map(str, bad_grasps), *map(str, faults))
 
 
-def tilts_at_start(
-    robot: Robot, arms: tuple[Arm, ...], q_start: Array, limit: TiltLimit
-) -> tuple[str, ...]:
-    """By how much the object leans at q_0 (nq,) in each grasp, in words."""
-    words = []
-    for arm in arms:
-        tip = robot.link_pose(q_start, arm.tip_frame)
-        for number, grasp in enumerate(arm.grasps):
-            tilt = in_degrees(limit.tilt((tip * grasp).rotation))
-            words.append(
-                f"{arm.name} with grasp {number}: object.up is {tilt} from the vertical at q_0 "
-                f"(carry.max_tilt: {in_degrees(limit.most)})"
-            )
-    return tuple(words)
-
-
 def in_degrees(angle: float) -> str:
     """An angle in rad for people, and as parameters have it."""
     return f"{math.degrees(angle):.1f}° ({angle:.4g} rad)"
@@ -188,9 +173,6 @@ class StartState:
         self._overlaps = object_overlaps(robot, body)
         self._places = robot.geometry_poses(q)
         self._solids = range(len(self._places), len(self._overlaps.shapes))
-        centers = self._overlaps.centers[: len(self._places)]
-        self._centers = np.array([T.act(c) for T, c in zip(self._places, centers, strict=True)])
-        self._centers = self._centers.reshape(-1, 3)
 
     def of_arm(self, arm: Arm) -> Fault | None:
         """What is wrong with the arm wherever the object is held; None where nothing."""
@@ -279,17 +261,15 @@ class StartState:
         Args:
             joints: (n,) as `_carrying_joints` has them.
         """
-        # Pairs that the arm moves against each other, and whose balls are near.
-        margin, radii = self._rules.collision.self_margin, self._overlaps.radii
+        # Pairs that the arm moves against each other.
         pairs = _checked_pairs(self._robot)
         pairs = pairs[joints[pairs[:, 0]] != joints[pairs[:, 1]]]
-        apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
-        near = apart <= radii[pairs[:, 0]] + radii[pairs[:, 1]] + margin
-        names, places = self._robot.geometry_links, self._places
-        met: dict[tuple[str, str], None] = {}
-        for a, b in pairs[near].tolist():
-            if self._overlaps.meet(a, b, places[a], places[b], margin):
-                met[sorted_pair(names[a], names[b])] = None
+        names = self._robot.geometry_links
+        met: dict[tuple[str, str], str] = {}
+        for a, b in self._meeting(pairs, pin.SE3.Identity()):
+            links = sorted_pair(names[a], names[b])
+            if links not in met:
+                met[links] = self._overlap_words(a, b)
                 if len(met) == _NAMED_PAIRS:
                     break
         if not met:
@@ -299,39 +279,34 @@ class StartState:
             "(robot_description_semantic; without one, to what placement_check_robot --write-srdf "
             f"writes): {' '.join(map(srdf_line, met))}"
         )
-        words = listed([self._overlap_words(*pair) for pair in met])
-        return Fault(f"in self-collision: {words}", (remedy, MOVE_ROBOT))
+        return Fault(f"in self-collision: {listed([*met.values()])}", (remedy, MOVE_ROBOT))
 
-    def _overlap_words(self, first: str, second: str) -> str:
-        """Where two links are deepest in each other, and how deep."""
-        said, deepest, places = f"{first} meets {second}", 0.0, self._places
-        rows = [
-            [i for i, name in enumerate(self._robot.geometry_links) if name == link]
-            for link in (first, second)
-        ]
-        for i, j in product(*rows):
-            depth = self._overlaps.depth(i, j, places[i], places[j])
-            if depth > deepest:
-                deepest = depth
-                x, y, z = self._overlaps.place(i, j, places[i], places[j])
-                said = (
-                    f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
-                    f"{depth:.4f} m in each other"
-                )
-        return said
+    def _overlap_words(self, i: int, j: int) -> str:
+        """Where two shapes of links that meet do so, and how deep."""
+        placed = i, j, self._places[i], self._places[j]
+        x, y, z = self._overlaps.place(*placed)
+        first, second = sorted_pair(*(self._robot.geometry_links[k] for k in (i, j)))
+        return (
+            f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
+            f"{self._overlaps.depth(*placed):.4f} m in each other"
+        )
 
     def _met_by_object(self, arm: Arm, T: pin.SE3) -> str:
         """Which link that is not of the hand the object at T meets first; '' where none."""
-        margin, overlaps = self._rules.collision.self_margin, self._overlaps
-        others = ~self._in_hand(arm)
-        for j in self._solids:
-            away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
-            near = away <= overlaps.radii[: len(self._centers)] + overlaps.radii[j] + margin
-            for i in np.flatnonzero(near & others).tolist():
-                link = self._robot.geometry_links[i]
-                if link not in arm.touch_links and overlaps.meet(i, j, self._places[i], T, margin):
-                    return link
-        return ""
+        names = self._robot.geometry_links
+        others = [i for i in np.flatnonzero(~self._in_hand(arm)) if names[i] not in arm.touch_links]
+        pairs = np.array([*product(others, self._solids)], dtype=np.int64).reshape(-1, 2)
+        return next((names[i] for i, _ in self._meeting(pairs, T)), "")
+
+    def _meeting(
+        self, pairs: npt.NDArray[np.int64], T_object: pin.SE3
+    ) -> Iterator[tuple[int, int]]:
+        """Those of pairs (n, 2) of shapes that meet, the object being there."""
+        places = [*self._places, *[T_object] * len(self._solids)]
+        margin = self._rules.collision.self_margin
+        for i, j in pairs[self._overlaps.near(pairs, places, margin)].tolist():
+            if self._overlaps.meet(i, j, places[i], places[j], margin):
+                yield i, j
 
     def _met_zones(self, things: list[_Thing]) -> Fault | None:
         """Which of the things is in a box to keep out of."""

@@ -112,14 +112,17 @@ class Overlaps:
         self._surfaces = {i: each for i, each in enumerate(surfaces) if each is not None}
         self._corners: dict[int, Array] = {}
 
-    def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
-        """Of which rows (n, 2 or more) the balls around both shapes meet; others cannot overlap."""
+    def near(
+        self, rows: npt.NDArray[np.int64], placements: list[pin.SE3], margin: float = 0.0
+    ) -> Array:
+        """Of which rows (n, 2 or more) the balls around both shapes come within `margin`, metres;
+        others cannot overlap."""
         # Balls around both, where they are.
         at = np.array([T.act(c) for T, c in zip(placements, self.centers, strict=True)])
         at = at.reshape(-1, 3)
         first, second = rows[:, 0], rows[:, 1]
         apart = np.linalg.norm(at[first] - at[second], axis=1)
-        reach = (self.radii[first] + self.radii[second]) * (1.0 + 1e-9) + 1e-9
+        reach = (self.radii[first] + self.radii[second]) * (1.0 + 1e-9) + 1e-9 + margin
         return np.asarray(apart <= reach)
 
     @classmethod
@@ -132,18 +135,6 @@ class Overlaps:
         """Whether shapes i and j overlap where they are placed, or are nearer than `margin`, m."""
         touch = meet(self.shapes[i], _for_coal(T_i), self.shapes[j], _for_coal(T_j), margin)
         return touch or self.nested(i, j, T_i, T_j)
-
-    def has_mesh(self, i: int, j: int) -> bool:
-        """Whether one of two shapes is a mesh."""
-        return is_mesh(self.shapes[i]) or is_mesh(self.shapes[j])
-
-    def solids_gap(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
-        """Metres between two shapes, negative where they overlap; 0 where one of them is a mesh,
-        whose distance takes longer to find than many answers of `meet`."""
-        if self.has_mesh(i, j):
-            return 0.0
-        a, b = self.shapes[i], self.shapes[j]
-        return float(nearest(a, _for_coal(T_i), b, _for_coal(T_j)).min_distance)
 
     def depth(
         self,

@@ -22,7 +22,6 @@ from placement_planner_ros.core.errors import (
 from placement_planner_ros.core.grasp.start_state_check import (
     StartRules,
     faults_at_start,
-    tilts_at_start,
 )
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -203,7 +202,6 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         *robot.limit_violations(q),
         *of_arms,
         *(f"does without {reason}" for reason in at_start),
-        *(tilts_at_start(robot, arms, q, settings.tilt) if settings.tilt is not None else ()),
         *environment_notes(snapshot, environment),
     ]
 

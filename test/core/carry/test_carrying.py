@@ -24,7 +24,6 @@ from placement_planner_ros.core.errors import StartError
 from placement_planner_ros.core.grasp.start_state_check import (
     StartRules,
     faults_at_start,
-    tilts_at_start,
 )
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -121,8 +120,6 @@ def test_a_start_that_leans_more_is_refused_with_the_angle(glass):
     with pytest.raises(StartError, match=r"(?s)object\.up is [2-5]\.\d° .*carry\.max_tilt 2\.0°"):
         faults_at_start(*args, StartRules(collision, tilt=tilt))
     assert faults_at_start(*args, StartRules(collision)) == ()
-    (words,) = tilts_at_start(problem.robot, problem.arms, problem.q_start, tilt)
-    assert words.startswith("right with grasp 0: object.up is ")
 
 
 def test_of_several_grasps_those_that_lean_more_are_left_out(glass):

@@ -7,14 +7,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from placement_planner_ros.core.collision.against_mesh import (
-    mesh_meets_hull,
-    meshes_meet,
+    mesh_keeps_hull,
+    meshes_keep,
     winding_number,
 )
 from placement_planner_ros.core.collision.meshes import MeshTree, mesh_arrays
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 
-WORK = np.zeros((6, 4))
+WORK = np.zeros((9, 4))
 
 
 def bvh(corners):
@@ -117,13 +116,12 @@ def test_a_hull_is_free_and_collides_as_coal_says(name):
         distance = coal_distance(surface, block, T)
         if distance > 0.0 and surrounded(mesh, T[None, :3, 3])[0]:
             distance = -1.0
-        need, hit = 0.02, 0.003
-        answer = mesh_meets_hull(arrays, 0, points, 8, need, hit, WORK)
-        answers.append(answer)
-        if abs(distance - need) > 1e-4 and abs(distance - hit) > 1e-4:
-            expected = FREE if distance > need else COLLIDING if distance < hit else UNDECIDED
-            assert answer == expected, (distance, answer)
-    assert set(answers) == {FREE, COLLIDING, UNDECIDED}
+        for need in (0.02, 0.003):
+            answer = mesh_keeps_hull(arrays, 0, points, 8, need, WORK)
+            answers.append(answer)
+            if abs(distance - need) > 1e-4:
+                assert answer == (distance > need), (distance, answer)
+    assert 0.2 < np.mean(answers) < 0.98
 
 
 @pytest.mark.parametrize(("first", "second"), [("torus", "annulus"), ("box", "two balls")])
@@ -136,13 +134,12 @@ def test_two_meshes_are_free_and_collide_as_coal_says(first, second):
     for _ in range(400):
         T = random_pose(rng, 0.2)
         distance = coal_distance(*surfaces, T)
-        need, hit = 0.005, 0.002
-        answer = meshes_meet(arrays, (0, 1), T, need, hit, room, WORK)
+        need = 0.005
+        answer = meshes_keep(arrays, (0, 1), T, need, room, WORK)
         answers.append(answer)
-        if abs(distance - need) > 1e-4 and abs(distance - hit) > 1e-4:
-            expected = FREE if distance > need else COLLIDING if distance < hit else UNDECIDED
-            assert answer == expected, (distance, answer)
-    assert {FREE, COLLIDING} <= set(answers)
+        if abs(distance - need) > 1e-4:
+            assert answer == (distance > need), (distance, answer)
+    assert 0.1 < np.mean(answers) < 0.98
 
 
 @pytest.mark.parametrize("gap", [0.0005, 0.002])
@@ -160,10 +157,9 @@ def test_surfaces_that_run_beside_each_other_are_free_as_far_as_they_are_apart(g
         distance = coal_distance(*surfaces, T)
         assert 0.0 < distance < gap
         for order, T_order in (((0, 1), T), ((1, 0), np.linalg.inv(T))):
-            for share, expected in ((0.98, FREE), (1.02, COLLIDING)):
-                need = share * distance
-                answer = meshes_meet(arrays, order, T_order, need, need, room, WORK)
-                assert answer == expected
+            for share, kept in ((0.98, True), (1.02, False)):
+                answer = meshes_keep(arrays, order, T_order, share * distance, room, WORK)
+                assert answer == kept
 
 
 def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
@@ -175,9 +171,9 @@ def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
     arrays = arrays_of(large, several)
     room = np.zeros((8, 3))
     for order in ((0, 1), (1, 0)):
-        assert meshes_meet(arrays, order, np.eye(4), 0.0, 0.0, room, WORK) == COLLIDING
+        assert not meshes_keep(arrays, order, np.eye(4), 0.0, room, WORK)
     T = np.eye(4)
     T[1, 3] = 0.5
-    assert meshes_meet(arrays, (0, 1), T, 0.0, 0.0, room, WORK) == FREE
+    assert meshes_keep(arrays, (0, 1), T, 0.0, room, WORK)
     corners = np.asarray(small.vertices)
-    assert mesh_meets_hull(arrays, 0, corners, 8, 0.0, 0.0, WORK) == COLLIDING
+    assert not mesh_keeps_hull(arrays, 0, corners, 8, 0.0, WORK)

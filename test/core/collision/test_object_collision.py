@@ -11,7 +11,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import object as object_collision
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -173,7 +172,7 @@ def test_what_is_not_certain_is_not_free(cube, monkeypatch):
     assert checker.free_at(poses, 0.0, 0.05).all()
 
     def undecided(*arguments):
-        arguments[-1][:] = UNDECIDED
+        arguments[-1][:] = False
 
     monkeypatch.setattr(object_collision, "check_poses", undecided)
     assert not checker.free_at(poses, 0.0, 0.05).any()

@@ -9,7 +9,6 @@ from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -66,12 +65,9 @@ def arm_of(yumi, grasps=(GRASP,)):
 
 
 def compare(first, second):
-    """Certain answers agree, and there are some of both; what one leaves open is rare."""
-    certain = (first != UNDECIDED) & (second != UNDECIDED)
-    assert (first == second)[certain].all()
-    assert certain.mean() > 0.99
-    assert 0.05 < (first == FREE).mean() < 0.97
-    assert (first == COLLIDING).any()
+    """Answers agree, but for what is about as near as the margin; there are some of both."""
+    assert (first == second).mean() > 0.99
+    assert 0.05 < first.mean() < 0.97
 
 
 def test_held_it_meets_what_its_solids_meet(yumi, obstacles, both):
@@ -81,11 +77,11 @@ def test_held_it_meets_what_its_solids_meet(yumi, obstacles, both):
     spread = rng.normal(size=(1500, moving.arm.dof)) * 0.5
     Q = np.clip(moving.q + spread, moving.arm.lower, moving.arm.upper)
     only = [
-        each.with_pairs(lambda a, b: "the held object" in (a, b)).classify(Q)
+        each.with_pairs(lambda a, b: "the held object" in (a, b)).free_batch(Q)
         for each in (solids, mesh)
     ]
     compare(*only)
-    compare(solids.classify(Q), mesh.classify(Q))
+    compare(solids.free_batch(Q), mesh.free_batch(Q))
     near = [each.edge_free(moving.q, q) for q in Q[:60] for each in (solids, mesh)]
     assert near[::2] == near[1::2]
     assert 0 < sum(near) < len(near)
@@ -109,5 +105,5 @@ def test_placed_it_meets_what_its_solids_meet(yumi, obstacles, both):
         T = tip * pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3) * 0.08)
         for each in made:
             each.place(T)
-        answers.append([each.classify(Q) for each in made])
+        answers.append([each.free_batch(Q) for each in made])
     compare(*(np.concatenate(each) for each in zip(*answers, strict=True)))

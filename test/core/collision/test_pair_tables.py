@@ -5,8 +5,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from placement_planner_ros.core.collision.against_robot import tabled_apart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.pair_tables import CELL_RAD, apart_within
+from placement_planner_ros.core.collision.arrays import CELL_RAD
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -65,12 +66,21 @@ def distance(robot, links, q):
 
 
 def tabled_pairs(checker):
-    names = [body.name for body in checker._flat.bodies]
+    """Rows of pairs with a table by their links, with the first joint between them."""
+    names, arrays = [body.name for body in checker._flat.bodies], checker._flat.arrays
     return {
-        (names[a], names[b]): (table, first)
-        for a, b, _, first, table in checker._flat.arrays.pairs.tolist()
-        if table >= 0
+        (names[a], names[b]): (row, first)
+        for row, (a, b, _, first) in enumerate(arrays.pairs.tolist())
+        if arrays.pair_cells[row, 0] > 0
     }
+
+
+def apart(checker, row, first, at, *ranges):
+    """What the table of that row says of joints from `first` on."""
+    q, delta = np.zeros((2, len(checker._flat.arrays.prismatic)))
+    q[first : first + 2] = at
+    delta[first : first + 2] = ranges or 0.0
+    return tabled_apart(checker._flat.arrays, row, q, delta)
 
 
 @pytest.fixture(scope="module")
@@ -89,14 +99,13 @@ def yumi():
 def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
     robot, arm = request.getfixturevalue(which)
     checker = checker_for(robot, arm)
-    tables = checker._flat.arrays.tables
     rng = np.random.default_rng(1)
-    for links, (table, first) in tabled_pairs(checker).items():
+    for links, (row, first) in tabled_pairs(checker).items():
         joints = slice(first, first + 2)
         lower, upper = arm.lower[joints], arm.upper[joints]
         closest, certified = np.inf, 0
         for at in rng.uniform(lower, upper, (60, 2)):
-            if not apart_within(tables, table, *at, 0.0, 0.0):
+            if not apart(checker, row, first, at):
                 continue
             certified += 1
             corner = lower + np.floor((at - lower) / CELL_RAD) * CELL_RAD
@@ -109,20 +118,20 @@ def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
 
 
 def test_a_range_is_apart_where_all_its_cells_are(elbow):
-    checker = checker_for(*elbow)
-    tables, arm = checker._flat.arrays.tables, elbow[1]
+    checker, arm = checker_for(*elbow), elbow[1]
+    ((row, first),) = tabled_pairs(checker).values()
     rng = np.random.default_rng(2)
     answers = []
     for at in rng.uniform(arm.lower, arm.upper, (200, 2)):
-        wide = apart_within(tables, 0, *at, 2 * CELL_RAD, CELL_RAD)
+        wide = apart(checker, row, first, at, 2 * CELL_RAD, CELL_RAD)
         offsets = rng.uniform(-1.0, 1.0, (60, 2)) * [2 * CELL_RAD, CELL_RAD]
-        inside = [apart_within(tables, 0, *(at + offset), 0.0, 0.0) for offset in offsets]
+        inside = [apart(checker, row, first, at + offset) for offset in offsets]
         assert all(inside) or not wide
         answers.append((wide, all(inside)))
     assert {(True, True), (False, False)} <= set(answers)
-    assert not apart_within(tables, 0, *(arm.lower - 0.01), 0.0, 0.0)
-    assert not apart_within(tables, 0, *(arm.upper + 2 * CELL_RAD), 0.0, 0.0)
-    assert not apart_within(tables, 0, 0.0, 0.0, 1e300, np.inf)
+    assert not apart(checker, row, first, arm.lower - 0.01)
+    assert not apart(checker, row, first, arm.upper + 2 * CELL_RAD)
+    assert not apart(checker, row, first, 0.0, 1e300, np.inf)
 
 
 def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yumi):

@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull
 from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
+from placement_planner_ros.core.grasp import open_hand
 from placement_planner_ros.core.grasp.hand_opening import opening_error
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.grasp.open_hand import OpenHand
@@ -225,11 +226,12 @@ def test_the_checker_refuses_fingers_that_open_into_something(judged, post):
     assert any("finger" in v and "post" in v for v in found if v.startswith("release"))
 
 
-def test_without_requiring_it_a_placement_may_be_without_retreat():
+def test_without_requiring_it_a_placement_may_be_without_retreat(monkeypatch):
     problem, objective = problem_of(CASE)
-    impossible = RetreatSettings(  # through the table
-        retreat_distance=0.5, tip_directions=(), world_directions=((0.0, 0.0, -1.0),)
-    )
+    # through the table
+    monkeypatch.setattr(open_hand, "_TIP_DIRECTIONS", [])
+    monkeypatch.setattr(open_hand, "UP", np.array([0.0, 0.0, -1.0]))
+    impossible = RetreatSettings(retreat_distance=0.5)
     settings = replace(PlannerSettings(), require_retreat=False, retreat=impossible)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     placement = next(planner.run(lambda: planner.statistics.samples > 3000))
