@@ -332,6 +332,7 @@ def bodies_keep_boxes(
                 continue
             # The ball inside does not.
             if upper - inner[node] + BOUND_TOLERANCE_M < need:
+                note_hit(scratch, 2, node, 0)
                 return False
             s = nodes[node, at.NODE_SET]
             if s >= 0:

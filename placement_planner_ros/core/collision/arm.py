@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.arrays import ArmArrays, FlatArm, lay_out_arm, scratch_for
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
@@ -284,17 +285,14 @@ class ArmCollision:
 
     def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""
-        # Without balls inside the bodies, of which it is not known which box they meet.
-        flat = self._flat.arrays
-        inner = np.full_like(flat.node_inner, -np.inf)
-        asked = copy.copy(self)
-        asked._flat = replace(self._flat, arrays=flat._replace(node_inner=inner))
         # Free here: what the other set of obstacles says.
-        if asked._keep(q, self._margins(reserve, contact))[0]:
+        if self._keep(q, self._margins(reserve, contact))[0]:
             return self._aside.meeting(q, reserve) if contact and self._aside is not None else None
         kind, s, other = self._scratch.hit.tolist()
+        if kind == 2:
+            s, other = self._ball_in_box(s)
         first = self._flat.bodies[self._flat.set_body[s]].name
-        if kind == 0:
+        if kind != 1:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
             return Meeting(first, ENVIRONMENT, where)
         second = self._flat.bodies[self._flat.set_body[other]].name
@@ -351,6 +349,15 @@ class ArmCollision:
         kept = min(reserve, settings.self_reserve)
         margins = settings.collision_margin + reserve, settings.self_margin + kept
         return KeptMargins(*margins, contact)
+
+    def _ball_in_box(self, node: int) -> tuple[int, int]:
+        """Which set meets which box, where the ball inside a sphere is known to meet one."""
+        arrays, corners = self._flat.arrays, self._boxes.corners
+        s = int(np.searchsorted(arrays.sets[:, at.SET_FIRST_NODE], node, "right")) - 1
+        frame = self._scratch.frames[arrays.sets[s, at.SET_JOINT]]
+        center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
+        away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
+        return s, int(np.argmin(np.linalg.norm(away, axis=1)))
 
     def _between(self, s: int, other: int) -> Array:
         """(3,) the middle of where the boxes around two sets overlap, or of what is between."""

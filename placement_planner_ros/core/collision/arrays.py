@@ -120,7 +120,8 @@ class ArmScratch(NamedTuple):
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     hit: Indices
-    """(3,) what was last not kept apart: kind (0 set and box, 1 two sets), set, box or set."""
+    """(3,) what was last not kept apart: kind (0 set and box, 1 two sets, 2 a sphere whose inner
+    ball meets a box), set or sphere, box or set."""
     bound: Array
     """(b, n + 1) motion bounds, and `bound_straight` of the whole edge from its middle on, without
     the deviation."""

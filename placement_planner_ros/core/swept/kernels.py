@@ -14,9 +14,6 @@ from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
-_COARSE_RADIUS_M = 0.05
-"""m, radius of spheres below which the cubes they sweep are not looked at more closely."""
-
 
 class SweptCubes(NamedTuple):
     """Where something is swept."""
@@ -50,8 +47,8 @@ def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) 
             node = arm.sets[arm.bodies[body, at.BODY_FIRST_SET], at.SET_FIRST_NODE]
             last = arm.sets[arm.bodies[body + 1, at.BODY_FIRST_SET], at.SET_FIRST_NODE]
             while node < last:
-                # A large sphere that is not a leaf: look at those below it.
-                if spheres[node, 3] > _COARSE_RADIUS_M and nodes[node, at.NODE_SET] < 0:
+                # A sphere wider than a few cubes that is not a leaf: look at those below it.
+                if spheres[node, 3] > 2.0 * size and nodes[node, at.NODE_SET] < 0:
                     node += 1
                     continue
                 # The sphere's centre from the corner of the cubes, and its reach; what is below it

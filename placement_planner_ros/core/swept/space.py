@@ -31,11 +31,9 @@ from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 CHORD_MOTION_M = 0.02
-"""m, how far a point of a body moves at most along a chord, unless between two samples."""
-_CUBE_EDGE_M = 0.02
-"""m, edge of the grid's cubes, ..."""
+"""m, how far a point of a body moves at most along a chord, unless between two samples; and the
+edge of the grid's cubes, unless there were too many of them."""
 _MOST_CUBES = 1_000_000
-"""... unless there were more than these."""
 _CLUSTER_CELLS = 1.5
 """Cells of the obstacle set by which points that lie together differ at most along an axis."""
 _CLUSTER_POINTS = 5
@@ -202,7 +200,7 @@ class SweptSpace:
                 lower = np.minimum(lower, centers.min(axis=0) - ball - beyond)
                 upper = np.maximum(upper, centers.max(axis=0) + ball + beyond)
         sides = np.maximum(upper - lower, 1e-3)
-        size = max(_CUBE_EDGE_M, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
+        size = max(CHORD_MOTION_M, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
         shape = tuple((np.floor(sides / size) + 1.0).astype(int).tolist())
         cubes = SweptCubes(lower, size, np.zeros(shape, dtype=np.bool_))
         # Mark the cubes of each stretch.
