@@ -282,8 +282,10 @@ def compare(
         ],
         dtype=np.bool_,
     )
-    counts = [int(rows.sum()) for rows in (expected, ~expected, ties, doubted & ~ties)]
-    return CollisionAgreement(*counts, np.asarray(Q[differ[~(ties | doubted)]]))
+    counts = expected, ~expected, ties, doubted & ~ties
+    free, colliding, tied, contradicted = (int(rows.sum()) for rows in counts)
+    apart = np.asarray(Q[differ[~(ties | doubted)]])
+    return CollisionAgreement(free, colliding, tied, contradicted, apart)
 
 
 def _boxes_meet(a: Array, b: Array) -> bool:

@@ -33,7 +33,8 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     Args:
         clear: what tables certify, metres.
     """
-    arrays, scratch, tables = flat.arrays, scratch_for(flat, 0), []
+    arrays, scratch = flat.arrays, scratch_for(flat, 0)
+    tables: list[bytes] = []
     cells, lower = np.zeros((len(arrays.pairs), 3), np.int64), np.zeros((len(arrays.pairs), 2))
     for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
         # The joints between both, which have limits and turn.
@@ -50,7 +51,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)
         make = partial(_cells_away, arrays, scratch, row, lower[row], clear, shape)
         # One more table behind the others.
-        cells[row] = *shape, sum(map(len, tables))
+        cells[row] = *shape, sum(len(table) for table in tables)
         tables.append(recalled_result("pair tables", key, make))
     made = arrays._replace(
         pair_cells=cells, pair_lower=lower, tables=_joined_tables(tuple(tables)), clear=clear
@@ -70,7 +71,7 @@ def _cells_away(
     pair: int,
     lower: Array,
     clear: float,
-    shape: tuple[int, int],
+    shape: tuple[int, ...],
 ) -> bytes:
     """Of each cell (m, n) how many cells away the nearest is that is not apart, or not there."""
     apart = np.zeros(shape, np.bool_)
