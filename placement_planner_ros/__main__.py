@@ -108,11 +108,11 @@ placement_check_robot = partial(
 )
 
 if __name__ == "__main__":
-    others = (placement_demo, placement_check_robot)
-    by_name: dict[str, Callable[[], Any]] = {str(program.args[0]): program for program in others}
-    by_name |= {
+    by_name: dict[str, Callable[[], Any]] = {
         "placement_planner": placement_planner,
+        "placement_demo": placement_demo,
         "placement_scene": placement_scene,
+        "placement_check_robot": placement_check_robot,
         "placement_view": placement_view,
     }
     if len(sys.argv) < 2 or sys.argv[1] not in by_name:

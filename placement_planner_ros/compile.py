@@ -16,7 +16,6 @@ from placement_planner_ros.progress import ProgressLine
 
 _WIDTH = 30
 """Characters of the bar."""
-_INTERRUPTED = 130
 _REMEDY = (
     "  what to try: make room there, or name a folder that can be written in XDG_CACHE_HOME, and "
     "run placement_planner --compile again; until then each start of the node compiles what is "
@@ -24,57 +23,43 @@ _REMEDY = (
 )
 
 
-class _Bar:
-    """Shows how far it is."""
-
-    def __init__(self) -> None:
-        self._line = ProgressLine()
-
-    def show(self, progress: CompilationProgress) -> None:
-        """Show it."""
-        filled = _WIDTH * progress.done // progress.kernels
-        line = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"
-        self._line.show(line, always=progress.done == progress.kernels)
-
-    def say(self, words: str) -> None:
-        """Say what keeps kernels from being kept or loaded."""
-        self._line.say(words)
-
-    def end(self) -> None:
-        """Leave the line."""
-        self._line.end()
-
-
 def main() -> int:
     """Compile; 0 where all kernels are on disk."""
     # As an exception, so that the processes that compile are ended too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    bar = _Bar()
-    TROUBLES.listen(bar.say)
+    line = ProgressLine()
+    # what keeps kernels from being kept or loaded
+    TROUBLES.listen(line.say)
     try:
-        return _compile(bar)
+        return _compile(line)
     except CompilationError as error:
-        bar.end()
+        line.end()
         print(f"not all kernels are compiled and kept: {error}\n{_REMEDY}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        bar.end()
+        line.end()
         print(
             "interrupted; what is compiled is kept, placement_planner --compile goes on from there",
             file=sys.stderr,
         )
-        return _INTERRUPTED
+        return 128 + signal.SIGINT
 
 
-def _compile(bar: _Bar) -> int:
-    """Compile with that bar; 0.
+def _compile(line: ProgressLine) -> int:
+    """Compile, with a bar in that line; 0.
 
     Raises:
         CompilationError: it failed, or nothing can be kept.
     """
     began = time.monotonic()
     print("compiling the planner's kernels, once per installation and machine", flush=True)
-    compile_kernels(bar.show)
-    bar.end()
+
+    def show(progress: CompilationProgress) -> None:
+        filled = _WIDTH * progress.done // progress.kernels
+        bar = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"
+        line.show(bar, always=progress.done == progress.kernels)
+
+    compile_kernels(show)
+    line.end()
     print(f"all kernels are compiled, after {time.monotonic() - began:.0f} s")
     return 0

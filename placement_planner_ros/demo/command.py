@@ -14,7 +14,6 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -40,8 +39,6 @@ from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
 from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
 
-_INTERRUPTED = 130
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found and drawn."""
@@ -58,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         line.end()
         print("placement_demo: interrupted; the node is stopped", file=sys.stderr, flush=True)
-        return _INTERRUPTED
+        return 128 + signal.SIGINT
     finally:
         rclpy.try_shutdown()
     return 0
@@ -136,7 +133,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     with ExitStack() as running:
         # node, scene and page run until the block is left
         require_node = running.enter_context(node_running(namespace, arguments, log))
-        publishing = running.enter_context(published(setting))
+        publisher, publishing = running.enter_context(published(setting))
         address = ""
         if options.view:
             address = running.enter_context(page_served(namespace, options.output / "view.log"))
@@ -144,7 +141,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
 
         def check() -> None:
             require_node()
-            if not publishing.thread.is_alive():
+            if not publishing.is_alive():
                 raise DemoError("the scene is published no more", "the lines above say why")
 
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
@@ -152,7 +149,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             wait_until_ready(planner, check, line)
             # one thing, or several one after the other
             if options.tour:
-                legs = _tour(Tour(planner, publishing.node, options.seconds, check, line), setting)
+                legs = _tour(Tour(planner, publisher, options.seconds, check, line), setting)
                 title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
             else:
                 best = search(planner, options.seconds, check, line)[-1]
@@ -205,22 +202,16 @@ def _begin_ros(namespace: str) -> None:
         ) from error
 
 
-@dataclass(frozen=True, slots=True)
-class _Publishing:
-    node: Any
-    thread: threading.Thread
-
-
 @contextmanager
-def published(setting: Setting) -> Iterator[_Publishing]:
-    """The scene on its topics meanwhile, by a thread."""
+def published(setting: Setting) -> Iterator[tuple[Any, threading.Thread]]:
+    """The scene on its topics meanwhile: its node, and the thread that publishes."""
     scene = setting.publisher()
     executor, asked = SingleThreadedExecutor(), threading.Event()
     executor.add_node(scene)
     thread = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
     thread.start()
     try:
-        yield _Publishing(scene, thread)
+        yield scene, thread
     finally:
         # In this order: a node that goes while the executor still waits on it is an error.
         asked.set()

@@ -11,13 +11,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.scenes.primitives import ConvexPrimitive
+from placement_planner_ros.scenes.primitives import COPLANAR_M, ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
 
 _OUTWARD = 1e-5
 """Metres a surface point is moved outwards to see whether another solid is pressed against it."""
-_STRICT = 1e-7
-"""Metres below a surface from which on a point counts as inside."""
 _NEAREST_M = 1e-3
 """From the eye, at which a camera begins to see."""
 
@@ -56,7 +54,7 @@ def complete_cloud(
             moved = points + _OUTWARD * part.normals[face]
             covered = np.zeros(len(points), dtype=bool)
             for other in others:
-                covered |= other.depth(moved) > _STRICT
+                covered |= other.depth(moved) > COPLANAR_M
             kept.append(points[~covered])
     cloud = np.vstack(kept)
     # edges belong to two faces
@@ -97,7 +95,7 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     # of each edge with the way from its first corner to each point
     cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
     # inside is to the left of every edge
-    inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
+    inner = lattice[(cross > COPLANAR_M * np.linalg.norm(edges, axis=1)).all(axis=1)]
     # and evenly along the edges, corners included
     rim = [
         a + np.linspace(0, 1, _interval_count(length, spacing) + 1)[:-1, None] * (b - a)

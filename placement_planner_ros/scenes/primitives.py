@@ -18,8 +18,8 @@ from placement_planner_ros.core.types import Array, frozen_array
 
 Colour = tuple[float, float, float]
 
-_COPLANAR = 1e-7
-"""Metres and (for unit normals) radians below which hull facets are one face."""
+COPLANAR_M = 1e-7
+"""Below which hull facets are one face (radians of their unit normals, too), and a point on one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ class ConvexPrimitive:
         # facets in one plane are one face
         planes: list[npt.NDArray[np.float64]] = []
         for plane in hull.equations:
-            if not any(np.abs(plane - other).max() < _COPLANAR for other in planes):
+            if not any(np.abs(plane - other).max() < COPLANAR_M for other in planes):
                 planes.append(plane)
         triangles.setflags(write=False)
         object.__setattr__(self, "vertices", frozen_array(points, (-1, 3)))

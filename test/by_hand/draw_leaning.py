@@ -31,8 +31,8 @@ TOWARDS_EYE = np.array(
 GREEN, BLUE, RED = (0.45, 0.75, 0.45), (0.1, 0.25, 0.7), (0.8, 0.15, 0.1)
 CONE_M = 0.06
 """m, length of cones and pushes."""
-SHOWN = np.array([0.5, 0.6, 0.4])
-"""m, of the box that is shown, on the floor and around the thing."""
+FRONT, SHOWN = 0.3, np.array([0.5, 0.6, 0.4])
+"""m: where what is shown begins along x, and its size; across, the thing is in its middle."""
 
 
 def solid(axes, vertices, triangles, colour, alpha):
@@ -59,10 +59,10 @@ def draw(axes, situation: LeanSituation):
         placed = vertices @ T[:3, :3].T + T[:3, 3]
     else:
         placed = vertices - vertices.mean(axis=0) + [0.42, 0.0, np.ptp(vertices[:, 2]) / 2]
-    low = 0.5 * (placed.min(axis=0) + placed.max(axis=0) - SHOWN) * (1, 1, 0)
+    low = np.array([FRONT, placed[:, 1].mean() - 0.5 * SHOWN[1], 0.0])
     high = low + SHOWN
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(SHOWN, zoom=1.45)
+    axes.set_box_aspect(tuple(SHOWN), zoom=1.45)
     for part in situation.parts:
         solid(axes, np.clip(part.vertices, low, high), part.triangles, GREY, 0.35)
     if found:
