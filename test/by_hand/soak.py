@@ -17,7 +17,6 @@ if "ROS_DOMAIN_ID" not in os.environ:
     os.environ["ROS_DOMAIN_ID"] = claimed_domain()
 
 import argparse
-import collections
 import copy
 import functools
 import json
@@ -34,9 +33,8 @@ import numpy as np
 import pinocchio as pin
 import psutil
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Point, PoseStamped
-from helpers.fakes import Spinning, said, values_of
+from geometry_msgs.msg import Point
+from helpers.fakes import Spinning, said
 from helpers.published import pose_of, solution_of, task_of
 from helpers.system import NODE, OBJECT, SCENE, start_node, wait
 from helpers.tasks import yumi_checker
@@ -49,13 +47,13 @@ from rcl_interfaces.srv import (
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
+from placement_planner_ros.client.subscriptions import Subscriptions
+from placement_planner_ros.client.waiting import News
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -81,12 +79,6 @@ runs still fill caches."""
 SHORT_MORE = 3
 """Threads or descriptors that a shorter soak may end with beyond those it had, as a run may go on
 over all of the time that is looked at."""
-EVERY = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-
 
 # --- what is published to the node
 
@@ -389,12 +381,6 @@ WEIGHTS = {
 
 # --- what the node publishes
 
-PARTS = {
-    "trajectory": JointTrajectory,
-    "retreat_trajectory": JointTrajectory,
-    "placement_pose": PoseStamped,
-}
-
 
 @functools.lru_cache(maxsize=4)
 def checker_of(objective, placed):
@@ -413,42 +399,33 @@ def be_quiet():
 
 
 class Watcher(Node):
-    """Puts together what is published, and has it checked.
+    """Has all solutions checked that a client hears.
 
     Attributes:
         order: held by whoever changes what runs or what stands.
         last: the newest run.
         standing: poses of what stands, by run.
-        poses: of solutions seen, by run and number.
+        poses: of solutions heard, by run and number.
+        checks: of these, by their key.
+        faults: in words, what contradicts something else.
     """
 
     def __init__(self):
         super().__init__("watcher")
         self.order = threading.Lock()
         self.last = None
-        self.standing = {}
-        self.poses = {}
-        self.warm = ""
-        self.published = 0
-        self.unwhole = 0
-        self.refused = []
-        self.faults = []
-        self._runs = {}
-        self._best = {}
-        self._heard = {part: {} for part in PARTS}
-        self._manifests = collections.deque()
-        self._matching = threading.Lock()
-        self._over = False
+        self.standing, self.poses, self.checks, self.faults = {}, {}, {}, []
+        self._runs, self._objectives = {}, {}
+        self._hearing = Subscriptions(self, NODE, None, News())
         self._pool = ProcessPoolExecutor(
             1, multiprocessing.get_context("spawn"), initializer=be_quiet
         )
-        self.checks = []
-        for part, kind in PARTS.items():
-            hear = functools.partial(self._hear, self._heard[part])
-            self.create_subscription(kind, f"{NODE}/{part}", hear, EVERY)
-        self.create_subscription(DiagnosticArray, f"{NODE}/solution", self._manifest, EVERY)
-        self.create_subscription(DiagnosticStatus, f"{NODE}/status", self._status, EVERY)
-        self.create_timer(0.5, self._match)
+        self.create_timer(0.5, self._look)
+
+    @property
+    def warm(self):
+        status = self._hearing.status
+        return status is not None and status.values["warm"] == "true"
 
     def begun(self, run, objective="maximize_clearance"):
         """A run began, with the lock held: what stands now stood then."""
@@ -463,72 +440,35 @@ class Watcher(Node):
         known = list(self.poses.get(run, ()))
         return known[rng.integers(len(known))] if known else None
 
-    def finish(self):
-        """Wait for what is being checked."""
-
-        def matched():
-            with self._matching:  # one that is being matched is in no queue
-                self._over = not self._manifests
-                return self._over
-
-        wait(matched, timeout=60.0)
-        for name, future in self.checks:
-            found = future.result()
-            if found:
-                self.refused.append(f"{name}: {'; '.join(found)}")
+    def refused(self):
+        """In words, what the checker says, once all is checked; nobody spins any more."""
+        self._look()
+        found = {key: future.result() for key, future in self.checks.items()}
         self._pool.shutdown()
+        return [f"{key}: {'; '.join(said)}" for key, said in found.items() if said]
 
-    def _hear(self, heard, message):
-        if isinstance(message, PoseStamped):
-            key = message.header.stamp.sec, message.header.stamp.nanosec
-        else:
-            key = message.header.frame_id
-        heard[key] = message
-        while len(heard) > 100:
-            heard.pop(next(iter(heard)))
+    def _look(self):
+        for run in list(self._runs)[-2:]:
+            newest = self._hearing.newest(int(run))
+            for number in range(1, 1 + (0 if newest is None else newest.number)):
+                solution = self._hearing.solution(int(run), number)
+                if solution is not None and f"{run}/{number}" not in self.checks:
+                    self._check(run, solution)
 
-    def _status(self, message):
-        self.warm = values_of(message)["warm"]
-
-    def _manifest(self, message):
-        values = values_of(message.status[0])
-        if values["solution"] == "0":
-            return
-        self.published += 1
-        stamp = message.header.stamp.sec, message.header.stamp.nanosec
-        self._manifests.append((time.monotonic(), stamp, values))
-        before = self._best.get(values["run"], float("-inf"))
-        if float(values["objective"]) <= before:
-            self.faults.append(f"objective {values['objective']} after {before}: {values}")
-        self._best = {values["run"]: float(values["objective"])}
-
-    def _match(self):
-        with self._matching:
-            for _ in range(0 if self._over else len(self._manifests)):
-                self._match_oldest()
-
-    def _match_oldest(self):
-        heard_at, stamp, values = self._manifests.popleft()
-        key = f"{values['run']}/{values['solution']}"
-        keys = key, key, stamp
-        parts = [heard.get(k) for heard, k in zip(self._heard.values(), keys, strict=True)]
-        known = self._runs.get(values["run"])
-        if None not in parts and known is not None:
-            self._check(key, values, parts, *known)
-        elif time.monotonic() - heard_at < 10.0:
-            self._manifests.append((heard_at, stamp, values))
-        else:
-            self.unwhole += 1  # a part gave way to the next one's before it was sent
-
-    def _check(self, key, values, parts, objective, placed):
-        if len(self.poses) > 3:
-            self.poses.pop(next(iter(self.poses)))
-        self.poses.setdefault(values["run"], {})[values["solution"]] = pose_of(parts[2])
+    def _check(self, run, solution):
+        (objective, placed), key = self._runs[run], f"{run}/{solution.number}"
+        self.poses.setdefault(run, {})[solution.number] = pose_of(solution.pose)
+        known = self._objectives.setdefault(run, {})
+        known[solution.number] = solution.objective
+        if sorted(known) != sorted(known, key=known.get) or len(set(known.values())) < len(known):
+            self.faults.append(f"objectives of run {run}: {known}")
         if objective is None:
-            self.faults.append(f"run {key} began with parameters without sense")
-            return
-        solution = solution_of(OBJECT, values, *parts)
-        self.checks.append((key, self._pool.submit(check, objective, placed, solution)))
+            self.faults.append(f"run {run} began with parameters without sense")
+        names = ("arm", "grasp", "approach_start", "objective")
+        manifest = {name: getattr(solution, name) for name in names}
+        parts = solution.trajectory, solution.retreat_trajectory, solution.pose
+        found = solution_of(OBJECT, manifest, *parts)
+        self.checks[key] = self._pool.submit(check, objective or "none", placed, found)
 
 
 # --- what it costs
@@ -599,10 +539,9 @@ def soak(minutes, folder, clients=4, seed=0):
         process.send_signal(signal.SIGINT)
         try:
             code = process.wait(30.0)
-        except Exception:
-            process.kill()
-            raise
-        rclpy.try_shutdown()
+        finally:
+            process.kill()  # where it has not ended
+            rclpy.try_shutdown()
     text = log.read_text(errors="replace")
     report |= {
         "exit_code": code,
@@ -621,7 +560,7 @@ def _soak(process, seconds, clients, seeds):
     for node in (watcher, world, *callers):
         executor.add_node(node)
     spinning = Spinning(executor)
-    wait(lambda: watcher.warm == "true" or process.poll() is not None, timeout=600.0)
+    wait(lambda: watcher.warm or process.poll() is not None, timeout=600.0)
     meter, began = Meter(process.pid), time.monotonic()
     for caller in callers:
         caller.start()
@@ -633,17 +572,14 @@ def _soak(process, seconds, clients, seeds):
     for caller in callers:
         caller.end()
     lasted = time.monotonic() - began
-    watcher.finish()
     spinning.end()
     return {
         "minutes": round(lasted / 60.0, 2),
         "calls": sum(caller.calls for caller in callers),
         "unanswered": [service for caller in callers for service in caller.unanswered],
         "runs": len(watcher._runs),
-        "solutions": watcher.published,
-        "checked": len(watcher.checks),
-        "seen_in_part": watcher.unwhole,
-        "refused": watcher.refused,
+        "solutions": len(watcher.checks),
+        "refused": watcher.refused(),
         "contradictions": watcher.faults,
         "meter": meter,
     }
