@@ -109,13 +109,10 @@ def _show_page(
 def _address_fault(host: str, port: int) -> str:
     """Why nothing can be served there; empty where it can. viser would take another port."""
     try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((host, port))
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:
-        words = getattr(error, "strerror", None) or error
-        return f"--host {host} --port {port}: {words}; choose another"
+        return f"--host {host} --port {port}: {error}; choose another"
     return ""
 
 

@@ -22,10 +22,6 @@ CONSTRAINTS = {
     "no_retreat": "no way back out",
 }
 """What rejects a sample, by its name in `~/status`."""
-_OBJECTIVES = {
-    "maximize_clearance": "mean distance from what stands around; more is better",
-    "minimize_clearance": "close to what stands around; more is better",
-}
 _REFUSALS = {
     "ALREADY_RUNNING": "A run is going on; stop it first.",
     "STOPPING": "The last run has not ended yet; try again.",
@@ -101,7 +97,7 @@ def placement_html(solution: Solution | None, reason: str, objective: object, pl
         _bold_text(f"Placement {solution.number}"),
         f"{where}, by arm {escape(solution.arm)}, grasp {solution.grasp}",
         f"ξ = {_bold_text(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
-        + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
+        + f": {escape(str(objective or 'your objective'))}",
     ]
     lines += [_term_words(solution.terms)] if solution.terms else []
     if solution.leans_on:
