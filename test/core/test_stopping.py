@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.grasp.hand_opening import opening_error
-from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.core.types import TargetVolume
@@ -73,19 +69,3 @@ def test_every_stage_of_making_a_planner_can_be_given_up():
         with pytest.raises(StoppedError), stoppable(looks):
             make()
         assert looks.count == allowed + 1
-
-
-def test_a_hand_that_opens_by_metres_is_given_up_at_once():
-    robot = load_yumi()
-    grasps, body = held()
-    arm = replace(yumi_arm(robot, "left", grasps), gripper_open=(2.0,))
-    moving = MovingArm(robot, arm, robot.configuration(START_CONFIGURATION))
-    looks = Looks(10)
-    with pytest.raises(StoppedError, match="opening the hand"), stoppable(looks):
-        opening_error(moving, AttachedObject(body, 0))
-    assert looks.count == 11
-    turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(2.0,))
-    looks = Looks(10)
-    with pytest.raises(StoppedError, match="hand"), stoppable(looks):
-        with_opening_hand(robot, turning, moving.q_rest)
-    assert looks.count == 11

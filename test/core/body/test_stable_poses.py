@@ -102,20 +102,6 @@ def test_what_could_roll_is_offered_only_when_allowed():
     assert len(allowed.faces) > 5
 
 
-def test_v_of_f_is_what_lies_within_the_flatness_of_the_plane():
-    mesh = SHAPES["bulging box"]()
-    sizes = []
-    for flatness in (0.0005, 0.0015, 0.003):
-        body = Body.from_mesh(mesh.vertices, mesh.faces, settings=BodySettings(flatness=flatness))
-        face = max(body.faces, key=lambda face: face.normal[2])
-        depths = (face.vertices[0] - mesh.vertices) @ face.normal
-        assert depths.min() > -1e-9
-        near = mesh.vertices[depths <= flatness]
-        assert np.ptp(face.vertices, axis=0)[:2] == pytest.approx(np.ptp(near, axis=0)[:2], rel=0.1)
-        sizes.append(face.area)
-    assert sizes == sorted(sizes)
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_where_little_touches_v_of_f_reaches_as_far_as_the_body_may_rock(seed):
     mesh = noisy(finer(SHAPES["flat box"](), 6000), 0.001, np.random.default_rng(seed))

@@ -237,12 +237,3 @@ def test_what_lies_wholly_inside_the_solid_of_a_mesh_collides():
     T[2, 3] = -0.15
     assert ObjectCollision(body, grain).free(T, -1.0, 0.0)
     assert not ObjectCollision(body, grain).free(T, -1.0, 0.2)
-
-
-def test_an_object_that_its_cover_holds_stands_on_its_support():
-    """Parts of a cover may reach below the face that it stands on."""
-    for body in (bowl(), bowl(0.002)):
-        assert min(part.vertices[:, 2].min() for part in body.parts) < 1e-9
-        checker = ObjectCollision(body, obstacles_of(TABLE))
-        for height in (0.0, 0.01, 0.1):
-            assert checker.free(np.eye(4), 0.0, height)

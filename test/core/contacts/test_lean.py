@@ -11,7 +11,6 @@ from helpers.tasks import yumi_task
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
-from placement_planner_ros.core.contacts.lean_edges import lean_edges
 from placement_planner_ros.core.explanation.explain import explain_search
 from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -99,25 +98,6 @@ def test_a_plank_stays_as_far_as_friction_of_the_floor_says(friction):
 def test_upright_against_the_wall_it_would_fall_away_from_it():
     floor, wall, center = ladder(0.05)
     assert not stays(floor, wall, 0.0, center, 0.5, 0.05)
-
-
-def test_the_distance_from_the_wall_says_how_the_object_is_turned():
-    rng = np.random.default_rng(3)
-    distances = np.linspace(0.02, 1.5, 40)
-    for points in (rng.normal(size=(12, 3)), SITUATIONS[0].thing.vertices * 5.0):
-        edges = lean_edges(points)
-        for edge in range(8):
-            rows = np.full(len(distances), edge)
-            for tilt in (0.0, 0.15, -0.1):
-                turns = edges.turns(rows, distances, np.full(len(distances), tilt))
-                known = np.flatnonzero(np.isfinite(turns))
-                assert (np.diff(turns[known]) > 0.0).all()
-                R = edges.rotations(rows[known], turns[known])
-                placed = (points - edges.references[edge]) @ R.transpose(0, 2, 1)
-                out = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
-                away = placed @ out + distances[known, None] * np.cos(tilt)
-                np.testing.assert_allclose(away.min(axis=1), 0.0, atol=1e-9)
-                np.testing.assert_allclose(placed[..., 2].min(axis=1), 0.0, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

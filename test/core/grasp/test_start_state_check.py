@@ -131,13 +131,3 @@ def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
     assert "lies in" in said
     with pytest.raises(GraspError, match=r"touch_links.*object\.scale"):
         faults(problem, (replace(bare, grasps=(in_palm,)),))
-
-
-def test_bad_grasps_are_told_beside_a_bad_start(problem):
-    left = problem.arms[0]
-    in_palm = (replace(left, grasps=(pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02])),)),)
-    q = problem.q_start.copy()
-    q[left.q_index[0]] = left.lower[0] - 0.1
-    with pytest.raises(StartError, match="beyond the joint limits") as caught:
-        faults(problem, in_palm, q=q)
-    assert re.search(r"\S+ \(0\.\d+ m deep\)", str(caught.value))

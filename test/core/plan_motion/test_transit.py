@@ -1,6 +1,5 @@
 """How planning effort is shared among arms, grasps and goals, with two-dimensional arms."""
 
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -104,25 +103,3 @@ def test_where_the_shorter_way_round_is_shut_the_longer_one_is_taken():
     np.testing.assert_allclose(other.approach, way + shift)
     np.testing.assert_allclose(other.retreat, way[::-1] + shift)
     np.testing.assert_allclose(path[-1], way[0] + shift)
-
-
-def test_a_start_without_reserve_is_left_all_the_same():
-    """It keeps the margin; only edges that begin there may go without what planning keeps more."""
-    start, reached = np.ones(2), np.array([9.0, 8.0])
-
-    def with_reserve(a, b):
-        points = a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a)
-        return bool((points.max(axis=1) >= 1.2).all())
-
-    def edge_free(a, b):
-        assert any(np.array_equal(each, start) for each in (a, b))
-        return True
-
-    tight = holding("left", free=with_reserve)
-    tight.collision = SimpleNamespace(edge_free=edge_free)
-    motion = planner([tight])
-    motion.add(goal("left", reached))
-    _, path = motion.plan(500, lambda: False)
-    assert np.array_equal(path[0], start)
-    assert np.array_equal(path[-1], reached)
-    assert all(with_reserve(a, b) for a, b in pairwise(path[1:]))

@@ -191,22 +191,6 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
     assert np.max(off) < 5e-3  # what docs/limits.md states
 
 
-def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the_origin():
-    """A ramp that rises along x through V's side, with nothing counting beyond V."""
-    along, across = np.random.default_rng(3).uniform((0.2, -0.1), (0.4, 0.1), (20000, 2)).T
-    ramp = np.c_[along, across, 0.5 * (along - 0.2)]
-    points = np.c_[np.full(200, 0.1), np.zeros(200), np.linspace(0.005, 0.06, 200)]
-    found = []
-    for shift in np.arange(0.0, 0.01, 0.00125):
-        low = np.array([-0.45 - shift, -0.45, -0.1])
-        obstacles = ObstacleSet.from_points(ramp, bounds=(low, low + 0.9))
-        found.append(ClearanceField(obstacles, VOLUME, 0.0).distance(points))
-    assert np.ptp(np.mean(found, axis=1)) < 2e-3
-    inside = points[:, 2] < 0.045
-    assert np.abs(np.array(found)[:, inside] - 0.1 - 2.0 * points[inside, 2]).max() < 4e-3
-    assert np.abs(np.array(found)[:, points[:, 2] > 0.056] - 0.5).max() < 1e-12  # rounding
-
-
 def test_a_field_over_any_volume_is_bounded(obstacles):
     """Its pixels are further apart, and values less exact, not more of them."""
     wide = TargetVolume(np.array([-4.0, -4.0, -1.0]), np.array([4.0, 4.0, 3.0]))

@@ -66,14 +66,6 @@ def test_sights_take_hardly_anything_from_bars_whose_gaps_the_points_tell(gap, a
     assert on_bars >= alone - 0.05 >= 0.4
 
 
-def test_with_noise_nothing_stands_over_a_gap_that_points_alone_do_not_tell():
-    rng = np.random.default_rng(0)
-    grating = bars(0.005, 0.010, 0.4)
-    points = seen(grating, rng, 0.0015)
-    in_gaps, _ = shares(support_of(points, SENSOR), grating, rng)
-    assert in_gaps <= 0.002
-
-
 @pytest.mark.parametrize(("noise", "missing"), [(0.0, 0.0), (0.002, 0.3)])
 def test_what_a_camera_missed_and_what_it_saw_beyond_the_edges_makes_no_gap(noise, missing):
     rng = np.random.default_rng(1)

@@ -104,50 +104,6 @@ def test_a_straight_line_takes_about_the_shortest_time():
     assert shortest <= trajectory.duration <= 1.1 * shortest
 
 
-class Square:
-    """An obstacle in the plane; tests chords with a box of slack exactly, and keeps count."""
-
-    def __init__(self, lower, upper):
-        self.lower, self.upper = np.array(lower), np.array(upper)
-        self.refused = 0
-
-    def contains(self, points):
-        return ((points > self.lower) & (points < self.upper)).all(axis=1)
-
-    def edge_free(self, a, b, deviation):
-        """Whether a → b keeps out of the square grown by the deviation (slab test)."""
-        lower, upper = self.lower - deviation, self.upper + deviation
-        d = b - a
-        enter, leave = 0.0, 1.0
-        for j in range(2):
-            if d[j] == 0.0:
-                if not lower[j] < a[j] < upper[j]:
-                    enter = 2.0
-                continue
-            t = np.sort([(lower[j] - a[j]) / d[j], (upper[j] - a[j]) / d[j]])
-            enter, leave = max(enter, t[0]), min(leave, t[1])
-        if enter < leave:
-            self.refused += 1
-            return False
-        return True
-
-
-@pytest.mark.parametrize("gap", [0.1, 0.01, 1e-4])
-def test_an_obstacle_inside_the_corner_is_never_entered(gap):
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    square = Square([0.1, gap], [1.0 - gap, 0.9])
-    trajectory = parameterize_path(path, JOINTS, LIMITS, square.edge_free)
-    assert trajectory is not None
-    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
-    _, q, _, _ = sample(trajectory, 200)
-    assert not square.contains(q).any()
-    if gap < 0.05:
-        assert square.refused > 0
-        free = parameterize_path(path, JOINTS, LIMITS, always)
-        assert square.contains(sample(free)[1]).any(), "the obstacle matters"
-        assert trajectory.duration > free.duration
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
     rng = np.random.default_rng(seed)

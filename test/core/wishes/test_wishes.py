@@ -78,13 +78,3 @@ def test_a_front_that_keeps_the_object_from_turning_as_near_pose_is_named():
     assert "object.front" in [remedy.parameter for remedy in planner.explanation.remedies]
     freed = against.freed.planner(0)
     assert next(freed.run(lambda: freed.statistics.samples >= 3000))
-
-
-def test_boxes_that_keep_the_object_from_where_it_is_required_are_named():
-    """Without them it is the request as the page has it."""
-    request = by_words("within 10 cm of my plate")
-    more = {"keep_out": [0.25, -0.4, -0.05, 0.55, -0.05, 0.3]}
-    planner = replace(request, values={**request.values, **more}).planner(0)
-    assert not list(planner.run(lambda: planner.statistics.samples >= 300))
-    named = [remedy.parameter for remedy in planner.explain().remedies]
-    assert "keep_out" in named
