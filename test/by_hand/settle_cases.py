@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from helpers.settle import Settled, settle
+from helpers.settle import Settled, settle_placed
 
 from benchmarks.household import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -28,13 +28,8 @@ def stays(path: Path, friction: float) -> tuple[str, Settled]:
     with np.load(path) as data:
         case, T_world_object = json.loads(str(data["case"])), pin.SE3(data["T_world_object"])
     held = object_by_name(case["object"])
-    result = settle(
-        [part.vertices for part in scene_by_name(case["scene"]).parts],
-        [part.vertices for part in held.parts],
-        held.center_of_mass,
-        T_world_object,
-        friction=friction,
-    )
+    solids = scene_by_name(case["scene"]).parts
+    result = settle_placed(solids, held, T_world_object, friction=friction)
     return case["object"], result
 
 

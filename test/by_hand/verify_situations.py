@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
 from by_hand.verify_cases import measured_boxes, read_solution
-from helpers.settle import settle
+from helpers.settle import settle_placed
 from helpers.tasks import yumi_checker, yumi_task
 
 from benchmarks.household import object_by_name
@@ -58,13 +58,8 @@ def verdict(folder, run, number):
     refused = checker_of(situation, run["cloud"]).check(solution)
     held, moved, tilted = object_by_name(situation.thing), 0.0, 0.0
     for friction in FRICTIONS:
-        result = settle(
-            [part.vertices for part in situation.scene.parts],
-            [part.vertices for part in held.parts],
-            held.center_of_mass,
-            pin.SE3(solution.placement_pose),
-            friction=friction,
-        )
+        T, solids = pin.SE3(solution.placement_pose), situation.scene.parts
+        result = settle_placed(solids, held, T, friction=friction)
         moved, tilted = max(moved, result.moved), max(tilted, result.tilted)
     return {
         "run": job_key(run),

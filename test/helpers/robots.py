@@ -4,6 +4,7 @@ import trimesh
 
 from placement_planner_ros.core.robot.model import Robot
 
+LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 SLIDING = """
 <robot name="sliding">
   <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
@@ -73,3 +74,22 @@ def ring_in(folder):
 def mixed_robot(ring):
     """The robot of `_mixed_urdf`."""
     return Robot.from_urdf(_mixed_urdf(ring), srdf=_MIXED_SRDF)
+
+
+def link(name, inside=""):
+    """The text of a link of a URDF."""
+    return f'<link name="{name}">{inside}</link>'
+
+
+def joint(name, parent, child, kind="revolute", xyz="0 0 0.3", limit=LIMIT, more="", origin=None):
+    """The text of a joint of a URDF, about or along y, with an origin's place or all attributes."""
+    origin = f'xyz="{xyz}"' if origin is None else origin
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin {origin}/><axis xyz="0 1 0"/>{limit or ""}{more}</joint>'
+    )
+
+
+def urdf(*elements, version="1.0"):
+    """The text of a URDF."""
+    return f'<robot name="test" version="{version}">{"".join(elements)}</robot>'

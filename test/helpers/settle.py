@@ -56,8 +56,6 @@ def settle(
     spec.option.timestep = _TIME_STEP
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.noslip_iterations = noslip
-    # flat faces need several contact points, or they rock
-    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_MULTICCD
     x, y, z, w = pin.Quaternion(T_world_object.rotation).normalized().coeffs()
     placed = spec.worldbody.add_body(
         name="object", pos=T_world_object.translation, quat=[w, x, y, z]
@@ -88,6 +86,17 @@ def settle(
     return Settled(
         moved=float(np.linalg.norm(data.xipos[body] - position)),
         tilted=float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0))),
+    )
+
+
+def settle_placed(solids, held, T_world_object: pin.SE3, **physics) -> Settled:
+    """`settle` for solids, and an object that has parts, with vertices each."""
+    return settle(
+        [np.asarray(solid.vertices) for solid in solids],
+        [part.vertices for part in held.parts],
+        held.center_of_mass,
+        T_world_object,
+        **physics,
     )
 
 

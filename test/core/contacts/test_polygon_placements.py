@@ -86,19 +86,14 @@ def test_what_is_published_is_right(scene, name, slope):
 def test_what_is_placed_stays_where_it_is(scene, name, slope):
     pytest.importorskip("mujoco")
     from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
-    from helpers.settle import settle
+    from helpers.settle import settle_placed
 
     _, placements, checker = found(scene, name, slope)
     held = object_by_name(name)
     for placement in placements[-1:]:
         for friction in FRICTIONS:
-            result = settle(
-                [part.vertices for part in checker.task.solids],
-                [part.vertices for part in held.parts],
-                held.center_of_mass,
-                placement.T_world_object,
-                friction=friction,
-            )
+            T = placement.T_world_object
+            result = settle_placed(checker.task.solids, held, T, friction=friction)
             assert result.moved < MOVED
             assert result.tilted < TILTED
 

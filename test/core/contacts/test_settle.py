@@ -8,7 +8,7 @@ pytest.importorskip("mujoco")
 
 from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
 from helpers.problems import problem_of
-from helpers.settle import settle
+from helpers.settle import settle_placed
 
 from benchmarks.cases import Case
 from benchmarks.household import object_by_name
@@ -24,14 +24,8 @@ CASES = (
 
 
 def released(scene, name, T_world_object, friction=0.6):
-    held = object_by_name(name)
-    return settle(
-        [part.vertices for part in scene_by_name(scene).parts],
-        [part.vertices for part in held.parts],
-        held.center_of_mass,
-        T_world_object,
-        friction=friction,
-    )
+    held, solids = object_by_name(name), scene_by_name(scene).parts
+    return settle_placed(solids, held, T_world_object, friction=friction)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.robots import joint, link, urdf
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.joint_limits import JointLimit
@@ -10,25 +11,9 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs.joint_limits_file import parse_joint_limits
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
-LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 MIMIC = '<mimic joint="gone"/>'
 TURN = [0.3, -0.5, 0.2, 0.8]
 """x y z w, not of length 1."""
-
-
-def link(name, inside=""):
-    return f'<link name="{name}">{inside}</link>'
-
-
-def joint(name, parent, child, kind="revolute", origin='xyz="0 0 1"', limit=LIMIT, more=""):
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin {origin}/><axis xyz="0 1 0"/>{limit}{more}</joint>'
-    )
-
-
-def urdf(*elements, version="1.0"):
-    return f'<robot name="test" version="{version}">{"".join(elements)}</robot>'
 
 
 def turned(version, *, everywhere=False):

@@ -3,34 +3,12 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.robots import joint, link, urdf
 
 from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError, StartError
 from placement_planner_ros.core.robot.model import Robot
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
-
-
-def link(name: str, inside: str = "") -> str:
-    return f'<link name="{name}">{inside}</link>'
-
-
-def joint(
-    name: str,
-    parent: str,
-    child: str,
-    kind: str = "revolute",
-    xyz: str = "0 0 0.3",
-    limit: str | None = '<limit lower="-1" upper="1" velocity="2" effort="1"/>',
-    more: str = "",
-) -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}"/><axis xyz="0 1 0"/>{limit or ""}{more}</joint>'
-    )
-
-
-def urdf(*elements: str) -> str:
-    return f'<robot name="test">{"".join(elements)}</robot>'
 
 
 def two(*joints: str) -> str:

@@ -145,21 +145,3 @@ def test_edges_of_noisy_surfaces_are_moved_in():
     depth = inward(hull, probes)
     assert depth[stands].min() > 0.0
     assert stands[depth > 0.003 + 0.02].mean() > 0.99
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.004, 0.03])
-def test_of_a_group_all_points_are_supported_or_it_does_not_matter_which(margin):
-    """Objects' corners: each has its own answer, but where one of the same object has none."""
-    rng = np.random.default_rng(6)
-    points = on_plane(lattice(rng, 0.004, half=0.15), 0.0)
-    support = support_of(points[np.hypot(*points[:, :2].T) > 0.03])
-    corners = on_plane(rng.uniform(-0.17, 0.17, (3000, 2)), 0.001)
-    corners[::3, :2] = corners[1::3, :2] + rng.uniform(-0.02, 0.02, (1000, 2))
-    corners[2::3, :2] = corners[1::3, :2] + rng.uniform(-0.02, 0.02, (1000, 2))
-    alone = support.gaps(corners, TOLERANCE, margin)
-    first = np.arange(0, 3001, 3)
-    together = support.gaps(corners, TOLERANCE, margin, first).reshape(-1, 3)
-    carried = np.isfinite(alone).reshape(-1, 3).all(axis=1)
-    assert 50 < carried.sum() < 950
-    np.testing.assert_array_equal(np.isfinite(together).all(axis=1), carried)
-    np.testing.assert_array_equal(together[carried], alone.reshape(-1, 3)[carried])
