@@ -3,9 +3,9 @@
 A result is found by its key, which is a digest of all that it depends on: the content that it is
 made of, and the code that makes it (`code_digest`). So what older code made is not found; it goes
 when the folder is full, what was used longest ago first. Files are written aside and moved into
-place, so that processes that write at once do not harm each other. A result holds a digest of
-itself, since a file may lose a block. It is pickled: only a folder that belongs to the user is
-read.
+place, so that processes that write at once do not harm each other. They are compressed, and so
+hold a checksum, since a file may lose a block. They are pickled: only a folder that belongs to the
+user is read.
 """
 
 from __future__ import annotations
@@ -69,26 +69,6 @@ def cache_folder() -> Path | None:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / _PACKAGE.name
     except RuntimeError:
         return None
-
-
-def seal_content(content: bytes, name: str) -> bytes:
-    """Content that is kept under that name, after the digest of both."""
-    return hashlib.sha256(name.encode() + content).digest() + content
-
-
-def unseal_content(data: bytes, name: str) -> bytes:
-    """The content that was sealed under that name.
-
-    Raises:
-        ValueError: it is not as it was.
-    """
-    start = hashlib.sha256().digest_size
-    content = memoryview(data)[start:]  # a copy of some would take tens of megabytes
-    digest = hashlib.sha256(name.encode())
-    digest.update(content)
-    if digest.digest() != data[:start]:
-        raise ValueError("damaged")
-    return bytes(content)
 
 
 def digest_of(*parts: object) -> str:
@@ -220,7 +200,7 @@ class _Results:
             raise PermissionError("it belongs to another user")
         self._kind = kind
         self._folder = folder
-        self._memory = joblib.Memory(folder, verbose=0)
+        self._memory = joblib.Memory(folder, verbose=0, compress=1)
         self._kept = self._memory.cache(_content_of_key, ignore=["content"])
         # So that the first that is kept has the folder looked at.
         self._unlimited = MAX_BYTES
@@ -229,8 +209,8 @@ class _Results:
 
     def find(self, key: str) -> Any:
         try:
-            # As it was sealed, or not at all.
-            return pickle.loads(unseal_content(self._kept(key, None), key))
+            # As it was kept, or not at all.
+            return pickle.loads(self._kept(key, None))
         except OSError as error:
             _note_unwritten(self._kind, self._folder, error)
         except (LookupError, ValueError):
@@ -241,8 +221,8 @@ class _Results:
 
     def keep(self, key: str, content: bytes) -> None:
         try:
-            # Sealed, then looked at whether it is there: joblib only warns.
-            self._kept.call(key, seal_content(content, key))
+            # Then looked at whether it is there: joblib only warns.
+            self._kept.call(key, content)
             self._limit(len(content))
             if not self._kept.check_call_in_cache(key, None):
                 raise OSError("it is full or read-only")

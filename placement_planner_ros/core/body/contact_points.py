@@ -9,6 +9,7 @@ import numpy as np
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.body.stable_poses import ROUNDING_M
 from placement_planner_ros.core.body.tipping import Index
 from placement_planner_ros.core.types import Array
 
@@ -18,8 +19,6 @@ MAX_POINTS = 1024
 """... so that there are no more than so many squares."""
 SPREAD_POINTS = 32
 """Squares at most that each have one of the spread points."""
-SAME_CORNER_M = 1e-6
-"""m, corners closer together are one."""
 OUTERMOST_DIRECTIONS = 32
 """Directions in which the outermost contact point is kept."""
 
@@ -88,14 +87,14 @@ def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
     # Edges that only one triangle has are the rim.
-    _, same = np.unique(np.round(corners / SAME_CORNER_M), axis=0, return_inverse=True)
+    _, same = np.unique(np.round(corners / ROUNDING_M), axis=0, return_inverse=True)
     edges = np.sort(same.reshape(-1)[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
     first = np.unique(same, return_index=True)[1]
     # The rim as segments.
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
     along = end - begin
-    square = np.maximum((along * along).sum(axis=1), SAME_CORNER_M**2)
+    square = np.maximum((along * along).sum(axis=1), ROUNDING_M**2)
     a, b, c = corners[triangles].swapaxes(0, 1)
     room = np.zeros(len(points))
     for n, point in enumerate(points):

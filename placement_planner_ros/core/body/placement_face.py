@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.stable_poses import (
     GRAVITY,
+    ROUNDING_M,
     TIPPING_ENERGY,
     StablePose,
     stable_poses,
@@ -21,9 +22,6 @@ from placement_planner_ros.core.types import Array, frozen_array
 CONTACT_SHARE, CONTACT_HEIGHT_SHARE = 0.2, 0.01
 """Shares of the flatness, and of the height of the centre of mass, up to which a vertex above the
 plane is one that touches it."""
-
-ROUNDING_M = 1e-7
-"""Metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,7 +32,7 @@ ROUND_SIDE_SPACING_RAD = 0.8
 """Radians between rests of one round side."""
 
 ROUNDING_M = 1e-6
-"""Depth, metres, of valleys along a round side that are no rounding."""
+"""m by which corners differ, and valleys along a round side are deep, that are no rounding."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.mesh_components import Components
+from placement_planner_ros.core.body.mesh_components import WELD_M, Components
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -20,9 +20,6 @@ MAX_PIECES = 32
 
 DEPTH_RESOLUTION_M = 5e-4
 """Metres that a depth is found to."""
-
-ROUNDING_M = 1e-9
-"""Metres."""
 
 
 def meet(
@@ -193,7 +190,7 @@ class Overlaps:
         if near == 0.0 and beyond > 0.0:
             return near, far
         # Halved until the resolution.
-        far = max(min(far, float(bounds[0])), ROUNDING_M)
+        far = max(min(far, float(bounds[0])), WELD_M)
         while far - near > resolution:
             middle = 0.5 * (near + far)
             near, far = (near, middle) if free(middle) else (middle, far)
@@ -208,7 +205,7 @@ class Overlaps:
         reach_j = (self._outermost(j) @ (ways @ T_j.rotation).T).min(axis=0)
         bounds = reach_i - reach_j + ways @ (T_i.translation - T_j.translation)
         order = np.argsort(bounds, kind="stable")
-        return ways[order], bounds[order] + ROUNDING_M
+        return ways[order], bounds[order] + WELD_M
 
     def _outermost(self, i: int) -> Array:
         """(n, 3) points whose hull holds a shape."""
