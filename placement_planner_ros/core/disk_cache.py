@@ -179,7 +179,7 @@ def bypassed_cache() -> Iterator[None]:
         _BYPASSED.reset(before)
 
 
-def _content_of_key(key: str, content: bytes | None) -> bytes:
+def _kept_content(key: str, content: bytes | None) -> bytes:
     """What joblib keeps by its key; to ask for what is not there is to give None."""
     if content is None:
         raise LookupError(key)
@@ -201,7 +201,7 @@ class _Results:
         self._kind = kind
         self._folder = folder
         self._memory = joblib.Memory(folder, verbose=0, compress=1)
-        self._kept = self._memory.cache(_content_of_key, ignore=["content"])
+        self._kept = self._memory.cache(_kept_content, ignore=["content"])
         # So that the first that is kept has the folder looked at.
         self._unlimited = MAX_BYTES
         with contextlib.suppress(LookupError):  # has joblib write down whose results these are
@@ -213,7 +213,7 @@ class _Results:
             return pickle.loads(self._kept(key, None))
         except OSError as error:
             _note_unwritten(self._kind, self._folder, error)
-        except (LookupError, ValueError):
+        except (LookupError, ValueError, pickle.UnpicklingError):
             if self._kept.check_call_in_cache(key, None):
                 words = f"one of the {self._kind} in {self._folder} is damaged and made anew"
                 TROUBLES.note("results damaged", words)
