@@ -100,12 +100,6 @@ def test_never_leaves_what_the_arm_can_reach_or_cross_a_blocked_edge():
     assert len(refined.slide) == 1
 
 
-def test_stops_when_told():
-    calls = iter(range(1000))
-    refined = optimize(should_stop=lambda: next(calls) >= 3)
-    assert 1 <= len(refined.slide) <= 4
-
-
 def test_numerical_gradient_matches_the_analytic_one_of_a_black_box():
     T = moved_pose(pin.SE3.Identity(), np.array([0.1, 0.05, 0.2]))
     expected = [-2 * (0.1 - 0.3), -8 * (0.05 - 0.2), -0.2 * (0.2 - 0.5)]

@@ -145,28 +145,6 @@ def test_wrong_settings_are_refused():
         PlannerSettings(motion_iterations=0)
 
 
-@pytest.mark.parametrize("sampler", ["optimistic", "mcts", "uniform"])
-def test_what_was_rejected_is_counted_by_face_and_by_arm(sampler):
-    planner, placements = plan(samples=600, sampler=sampler)
-    statistics = planner.statistics
-    verdicts, by_face = statistics.count.verdicts, statistics.count.by_face
-    assert sum(verdicts.values()) == statistics.samples == by_face.sum()
-    assert {v.name.lower(): n for v, n in verdicts.items() if v != Verdict.FEASIBLE} == (
-        statistics.rejected
-    )
-    assert (by_face.sum(axis=1) > 0).all()
-    assert by_face.shape[0] == len(planner._search.problem.body.faces)
-    unstable = sum(each.get("unstable", 0) for each in statistics.rejected_by_group.values())
-    assert unstable == statistics.rejected["unstable"]
-    tries = statistics.rejections.tries
-    assert set(statistics.rejected_by_arm) == {"left", "right"}
-    # every sample that arms were to reach was tried once at least, and goals once exactly
-    judged = by_face[:, Verdict.NO_IK :].sum(axis=1)
-    assert (tries.sum(axis=(0, 2)) >= judged).all()
-    assert (tries[:, :, Verdict.FEASIBLE].sum(axis=0) == by_face[:, Verdict.FEASIBLE]).all()
-    assert placements
-
-
 def test_it_stops_between_the_poses_of_a_batch():
     """Told to stop while it seeks configurations, it seeks no more, and counts what it checked."""
     problem, objective = problem_of(TABLE)

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body import covered_mesh
-from placement_planner_ros.core.body.convex_cover import convex_cover, hull_cover
+from placement_planner_ros.core.body.convex_cover import convex_cover
 
 
 def cross():
@@ -123,13 +123,6 @@ def test_a_mug_keeps_its_opening():
     axis = np.column_stack([np.zeros((20, 2)), np.linspace(-0.035, 0.05, 20)])
     assert not inside(cover, axis).any()
     assert cover.excess < 0.011
-
-
-def test_the_hull_stands_in():
-    cover = hull_cover(np.asarray(RING.vertices), np.asarray(RING.faces))
-    assert len(cover.parts) == 1
-    assert inside(cover, np.asarray(RING.vertices)).all()
-    assert cover.excess >= 0.05  # the middle of the hole
 
 
 @pytest.fixture

@@ -86,17 +86,6 @@ def test_no_certified_edge_leans_more_wherever_it_strays_to(name):
     assert needless == 0, f"of {possible} that stay well within"
 
 
-def test_turning_about_vertical_axes_costs_nothing():
-    chain, _ = made("gantry", 10.0)
-    a = np.array([-2.9, 0.0, 0.2, 0.3])
-    leant = float(tilts(chain, a[None])[0])
-    constraint = TiltConstraint(chain, R_TIP_OBJECT, TiltLimit(UP, leant + 1e-9))
-    far = a + np.array([5.8, 1.0, 0.0, 0.0])
-    assert constraint.keeps_timed(a, far, np.zeros(4))
-    assert constraint.keeps_timed(a, far, np.array([0.01, 0.5, 0.0, 0.0]))
-    assert not constraint.keeps_timed(a, far, np.array([0.0, 0.0, 0.01, 0.0]))
-
-
 def test_a_limit_needs_a_direction():
     assert CarrySettings().tilt_limit(()) is None
     assert CarrySettings().tilt_limit((0.0, 0.0, 1.0)) is None

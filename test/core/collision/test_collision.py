@@ -153,21 +153,6 @@ def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
     assert (checker.free_batch(Q) == expected).all()
 
 
-def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
-    wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
-    arm = slider.arm("arm", "ball")
-    setup = (MovingArm(slider, arm, np.zeros(2)), None, wall)
-    checker = ArmCollision(*setup)
-    touching = wall.lower[:, 0].min() - 0.02 - 0.003
-    Q = np.array([[touching - gap, 0.0] for gap in (0.01, 0.0005, 3e-7, -3e-7, -0.0005, -0.01)])
-    assert [ExactCollision(*setup).ties(q) for q in Q] == [False, False, True, True, False, False]
-    # A margin that is off by a millimetre shows; one that is off by less than a tie does not.
-    for off, expected in ((0.001, 1), (5e-7, 0)):
-        exact = ExactCollision(*setup, CollisionSettings(collision_margin=0.003 + off))
-        answers = compare(checker, exact, Q)
-        assert len(answers.disagreements) == expected
-
-
 def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
     """Neither those the poses were made from nor others that reach them."""
     rng = np.random.default_rng(30)
@@ -291,39 +276,6 @@ def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
     assert said.startswith("ball meets the placed object at (")
     assert where(said)[0] == pytest.approx(0.32, abs=0.001)
     assert checker.explain(np.array([0.3401, 0.17])) == ""
-
-
-def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
-    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
-    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
-    urdf = SLIDER.replace('<link name="base"/>', post)
-    robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
-    arm = robot.arm("arm", "ball", touch_links=[])
-    there = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
-    wall = obstacles_of(plate((0.002, 0.3, 0.3), (-0.5, 0.0, 0.0)))
-    checker = ArmCollision(
-        MovingArm(robot, arm, np.zeros(2)), PlacedObject(small_body(), there), wall
-    )
-    at = {"post": 0.96, "object": 0.2, "wall": -0.5, "nothing": 0.6}
-    wide = CollisionSettings(collision_margin=0.01)
-
-    def met(made):
-        places = {name: np.array([x, 0.0]) for name, x in at.items()}
-        found = {name for name, q in places.items() if not made.free(q)}
-        assert found == {name for name, q in places.items() if not made.edge_free(q, q)}
-        tip = np.eye(4)
-        tip[0, 3] = at["wall"]
-        assert made.hand_collides(tip, 0.0) == ("wall" in found)
-        return found
-
-    assert met(checker) == {"post", "object", "wall"}
-    assert met(checker.with_pairs(lambda *_: False)) == {"wall"}
-    assert met(checker.with_pairs(lambda a, b: "base" in (a, b))) == {"post", "wall"}
-    assert met(checker.with_pairs(lambda *_: True, environment=False)) == {"post", "object"}
-    near = np.array([-0.5 + 0.02 + 0.008, 0.0])
-    assert checker.free(near)
-    assert not checker.with_pairs(lambda *_: True, wide).free(near)
-    assert met(checker) == {"post", "object", "wall"}
 
 
 def test_what_is_not_finite_or_of_the_wrong_length_is_refused(slider):

@@ -8,7 +8,7 @@ import trimesh
 from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -85,25 +85,3 @@ def test_held_it_meets_what_its_solids_meet(yumi, obstacles, both):
     near = [each.edge_free(moving.q, q) for q in Q[:60] for each in (solids, mesh)]
     assert near[::2] == near[1::2]
     assert 0 < sum(near) < len(near)
-
-
-def test_placed_it_meets_what_its_solids_meet(yumi, obstacles, both):
-    """Wherever it is moved to."""
-    moving = arm_of(yumi, ())
-    made = [
-        ArmCollision(moving, PlacedObject(body, pin.SE3.Identity()), obstacles).with_pairs(
-            lambda a, b: "the placed object" in (a, b), environment=False
-        )
-        for body in both
-    ]
-    rng = np.random.default_rng(1)
-    spread = rng.normal(size=(300, moving.arm.dof)) * 0.3
-    Q = np.clip(moving.q + spread, moving.arm.lower, moving.arm.upper)
-    tip = yumi.link_pose(moving.q_rest, moving.arm.tip_frame)
-    answers = []
-    for _ in range(4):
-        T = tip * pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3) * 0.08)
-        for each in made:
-            each.place(T)
-        answers.append([each.free_batch(Q) for each in made])
-    compare(*(np.concatenate(each) for each in zip(*answers, strict=True)))

@@ -15,7 +15,6 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
@@ -134,16 +133,6 @@ def test_where_polygon_finds_nothing_it_is_said_by_its_margin_and_no_more_named(
     named = [each.parameter for each in told.remedies]
     assert "support" not in named
     assert "edge_margin" not in named
-
-
-def test_nothing_near_is_exhausted():
-    """Pillars that are thinner than the margin asks for hold nothing, which is proven."""
-    problem = problem_of("pedestal", "large_crayons_box", (0.0, 0.0))
-    planner = PlacementPlanner(
-        problem, aside, replace(POLYGON, support_margin=0.05), np.random.default_rng(0)
-    )
-    assert list(planner.run(lambda: planner.statistics.samples >= 5000)) == []
-    assert planner.cause in (Cause.NO_REGION, Cause.UNSUPPORTED)
 
 
 @pytest.mark.parametrize("height", np.linspace(-0.0095, 0.0, 4))

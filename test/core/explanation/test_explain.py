@@ -114,23 +114,6 @@ def test_where_no_motion_is_found_what_is_on_the_way_is_told(table):
     assert told.remedies[0].parameter == "time_limit"
 
 
-def test_a_search_without_result_says_why_while_it_goes_on(table):
-    said = []
-
-    def refused(holding, *_):
-        said.append(planner.explanation.cause)
-        return Verdict.NO_RETREAT
-
-    problem, objective = table
-    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-    with mock.patch.object(Holding, "placing_motion", refused):
-        list(planner.run(lambda: planner.statistics.samples >= 4500))
-    told = list(dict.fromkeys(said))
-    assert told[0] == ""
-    assert [re.search(r"in ([\d,]+) samples", cause).group(1) for cause in told[1:]]
-    assert 2 <= len(told) <= 3
-
-
 def test_explaining_changes_nothing_in_the_search(table):
     """Neither its random numbers nor what it finds."""
     problem, objective = table

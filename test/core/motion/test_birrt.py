@@ -147,25 +147,6 @@ def test_random_order_of_adding_retiring_and_reactivating():
         assert reported == set(goals)
 
 
-def test_nodes_are_bounded_and_search_goes_on():
-    rrt, world = make(MAZE, max_nodes=200)
-    goals = {k: np.array(q) for k, q in enumerate(([9.0, 9.0], [9.0, 1.0], [4.6, 9.0]))}
-    goals[3] = np.array([6.2, 9.0])  # inside a wall
-    for key, q in goals.items():
-        rrt.add_goal(key, q)
-    rrt.retire_goal(2)
-    found, counts = set(), [len(rrt.trees()[0])]
-    for _ in range(200):
-        solution = rrt.solve(20)
-        counts.append(len(rrt.trees()[0]))
-        if solution is not None:
-            assert_sound(rrt, world, solution, goals)
-            found.add(solution[0])
-    assert found == {0, 1}
-    assert max(counts) <= 200
-    assert min(np.diff(counts)) < -50, "cut back at least once"
-
-
 def test_bad_input_is_named():
     def build(lower=LOWER, upper=UPPER, start=START):
         rng = np.random.default_rng(0)

@@ -47,11 +47,6 @@ def bin_of(yaw, lid):
 SCENES = {
     "bin": bin_of(0.3, 0.11),
     "tin": (FLOOR, frustum("tin", (0.04, 0.04), (0.0, 0.1), GREY)),
-    "two at equal distance": (
-        FLOOR,
-        wall("one", (0.2, 0.05, 0.1), (0.0, 0.1), 0.0),
-        wall("other", (0.2, 0.05, 0.1), (0.0, -0.1), 0.4),
-    ),
 }
 
 
@@ -77,14 +72,6 @@ def standing(x, y, angle):
 def test_in_a_bin_under_a_board_it_is_the_angle_from_its_walls(off):
     value = values_in("bin")(standing(0.01, 0.02, 0.3 + off))
     assert value == pytest.approx(-abs(off), abs=STRAIGHT)
-
-
-def test_it_changes_steadily_where_another_thing_becomes_the_nearest():
-    value = values_in("two at equal distance")
-    values = [value(standing(0.0, y, 0.0)) for y in np.linspace(-0.03, 0.03, 61)]
-    assert values[0] == pytest.approx(-0.4, abs=0.1)
-    assert values[-1] == pytest.approx(0.0, abs=0.1)
-    assert np.abs(np.diff(values)).max() < 0.05
 
 
 @pytest.mark.parametrize("angle", np.linspace(0.0, 6.0, 7))

@@ -83,12 +83,6 @@ def test_what_is_no_finite_number_is_a_bad_parameter(answer):
             ask()
 
 
-def test_too_few_numbers_are_a_bad_parameter():
-    for ask in ask_all(answering(lambda: [1.0]))[1:]:
-        with pytest.raises(ParameterError, match="finite numbers"):
-            ask()
-
-
 def test_the_user_at_the_keyboard_still_interrupts():
     for ask in ask_all(answering(raising(KeyboardInterrupt()))):
         with pytest.raises(KeyboardInterrupt):

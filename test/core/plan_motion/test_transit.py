@@ -49,21 +49,6 @@ def planner(holdings, seed=0, **settings):
     )
 
 
-def spent(planner):
-    """Iterations by arm and grasp."""
-    return {key: trees.rrt.iterations for key, trees in planner._trees.items()}
-
-
-def test_arms_with_goals_that_resist_advance_alike():
-    motion = planner([holding("left"), holding("right"), holding("right", 1)])
-    for arm, grasp in (("left", 0), ("right", 0), ("right", 1)):
-        motion.add(goal(arm, SEALED, grasp=grasp))
-    for _ in range(20):
-        assert motion.plan(50, lambda: False) is None
-        assert len(set(spent(motion).values())) == 1
-    assert motion.iterations == 20 * 3 * 50
-
-
 def test_goals_that_resist_starve_no_other():
     """More of them than are active at a time, all of them better."""
     motion = planner([holding("left")], active_goals=2, patience=30)

@@ -151,22 +151,6 @@ def test_track_follows_straight_lines(yumi_chain):
     assert tracked >= 25
 
 
-def test_track_refuses_jumps_coarse_lines_and_limits(scara_chain):
-    ik = InverseKinematics(scara_chain)
-    q = np.array([0.5, 1.0, 0.1, 0.0])
-    T = scara_chain.forward(q)
-    sideways = np.array([0.0, 0.1, 0.0])
-    assert ik.track(line(T, sideways, 21), q) is not None
-    assert ik.track(line(T, sideways, 2), q) is None  # too coarse to be straight
-    assert ik.track(line(T, sideways, 21), q + np.array([0.5, 0, 0, 0])) is None  # jump at once
-    raised = np.array([0.5, 1.0, 0.0, 0.0])
-    far = line(scara_chain.forward(raised), np.array([0.0, 0.0, -0.24]), 2)
-    assert ik.track(far, raised) is None  # straight, but the lift moves 0.24 m at once
-    down = np.array([0.0, 0.0, -0.15])
-    assert ik.track(line(T, down, 6), q) is not None
-    assert ik.track(line(T, 2 * down, 6), q) is None  # the lift ends at 0.3
-
-
 def test_poses_that_are_not_numbers_have_no_solution(yumi_chain):
     ik = InverseKinematics(yumi_chain)
     T = np.full((4, 4), np.nan)

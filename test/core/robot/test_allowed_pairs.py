@@ -1,9 +1,5 @@
 """Which links are not checked against each other where no SRDF says so."""
 
-import coal
-import numpy as np
-import trimesh
-
 from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Robot
 
@@ -70,33 +66,6 @@ def test_mimic_joints_follow_while_sampling():
     assert pair not in why(hand(""))
     assert pair not in why(hand('<mimic joint="a"/>'))
     assert why(hand('<mimic joint="a" offset="0.2"/>'))[pair].reason == "always"
-
-
-def box_mesh(tmp_path, name, extents, at=(0, 0, 0), holes=0):
-    mesh = trimesh.creation.box(extents)
-    mesh.apply_translation(at)
-    if holes:
-        mesh.update_faces(np.arange(len(mesh.faces)) >= holes)
-    ring = trimesh.creation.icosphere(radius=0.01)  # so that it is no convex mesh
-    ring.apply_translation(np.add(at, (0, 0, extents[2])))
-    trimesh.util.concatenate([mesh, ring]).export(tmp_path / name)
-    return f'<collision><geometry><mesh filename="{tmp_path / name}"/></geometry></collision>'
-
-
-def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
-    """Its surface meets none."""
-    case = box_mesh(tmp_path, "case.stl", (0.4, 0.4, 0.4))
-    core = box_mesh(tmp_path, "core.stl", (0.02, 0.02, 0.02))
-    robot = robot_of(
-        f'<link name="case">{case}</link>',
-        link("gear", ("0.002 0.002 0.002", "0 0 0.9")),
-        f'<link name="core">{core}</link>',
-        joint("j", "case", "gear", "0 0 0"),
-        joint("k", "gear", "core", "0 0 0"),
-    )
-    kinds = [type(thing.geometry) for thing in robot.geometry.geometryObjects]
-    assert kinds[0] is kinds[2] is coal.BVHModelOBBRSS
-    assert why(robot)["case", "core"].reason == "always"
 
 
 def test_links_that_an_srdf_misspells_are_named():

@@ -106,15 +106,6 @@ def test_what_is_looked_up_changes_no_faster_than_a_distance_but_for_the_raster(
     assert np.quantile(change - way, 0.99) < 0.1 * CELL
 
 
-def test_distances_are_continuous_in_z(field):
-    rng = np.random.default_rng(5)
-    column = np.arange(-0.06, 0.4, 1e-4)
-    for x, y in rng.uniform((-0.35, -0.35), (0.35, 0.3), (40, 2)):
-        distance = field.distance(np.c_[np.full((len(column), 2), (x, y)), column])
-        # from nothing but the cap to a thing beside the point over the height of a voxel at most
-        assert np.abs(np.diff(distance)).max() <= 0.5 * 1e-4 / 0.0025
-
-
 def sampled_box(low, high, angle, spacing):
     """Points on the sides and the top of an upright box, its edges included; its true solid."""
     lines = [np.linspace(a, b, int((b - a) / spacing) + 2) for a, b in zip(low, high, strict=True)]

@@ -49,16 +49,6 @@ def test_the_surface_of_a_box_is_closed_and_carries_nothing(table):
         assert ((made.lower[new] <= point) & (made.upper[new] >= point)).all(axis=1).any()
 
 
-def test_a_box_beyond_what_was_measured_makes_the_grid_larger(table):
-    obstacles = table[0].environment.obstacles
-    low, high = obstacles.bounds
-    box = np.stack([high + 0.05, high + 0.15])[None]
-    made = kept_out(obstacles, box, low - 1.0, high + 1.0)
-    assert (made.bounds[1] >= box[0, 1] - 1e-9).all()
-    assert made.index.shape == made.shape
-    assert kept_out(obstacles, box, low, high) is obstacles  # nothing gets there
-
-
 def test_regions_lose_what_lies_in_a_box():
     region = Region(np.array([[0.0, 0.0, 0.4, 0.4]]), 0.0)
     (left,) = cut((region,), np.array([[[0.1, 0.1, -0.1], [0.2, 0.3, 0.1]]]))

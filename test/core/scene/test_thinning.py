@@ -38,15 +38,3 @@ def test_dense_clouds_keep_four_points_a_cell_in_each_direction_evenly():
     apart = cKDTree(left).query(points)[0]
     assert apart.max() < 0.005
     assert len(thinned(left, SIZE)) > 0.95 * len(left)
-
-
-def test_whether_a_point_stays_has_nothing_to_do_with_its_noise():
-    """As a camera sees it from afar and aside, row by row: noise moves points along their rays."""
-    rng = np.random.default_rng(0)
-    points = lattice(0.0008)[::-1]
-    points = points + rng.normal(0.0, 0.002, (len(points), 1)) * [0.7, 0.0, 0.7]
-    left = points[thinned(points, SIZE)]
-    assert len(left) < 0.5 * len(points)
-    doubt = points[:, 2].std() / np.sqrt(len(left))
-    assert abs(left[:, 2].mean() - points[:, 2].mean()) < 3.0 * doubt
-    assert abs(left[:, 2].std() / points[:, 2].std() - 1.0) < 0.03

@@ -62,19 +62,3 @@ def test_what_cannot_be_had_names_the_rule_without_which_it_can(words, cause):
     assert request.drop in planner.exhausted
     freed = request.freed.planner(0)
     assert next(freed.run(lambda: freed.statistics.samples >= 1500))
-
-
-def test_a_front_that_keeps_the_object_from_turning_as_near_pose_is_named():
-    """It is to be turned round."""
-    request = by_words("label to the left")
-    more = {
-        "near_pose": [0.5, 0.0, 0.2, 0.0, 0.0, 1.0, 0.0],
-        "require_terms": ["turn"],
-        "require_at_least": [-0.2],
-    }
-    against = replace(request, drop="object.front", values={**request.values, **more})
-    planner = against.planner(0)
-    assert not list(planner.run(lambda: planner.statistics.samples >= 300))
-    assert "object.front" in [remedy.parameter for remedy in planner.explanation.remedies]
-    freed = against.freed.planner(0)
-    assert next(freed.run(lambda: freed.statistics.samples >= 3000))
