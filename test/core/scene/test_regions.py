@@ -7,7 +7,7 @@ from helpers.points import BOUNDS, plane
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment, find_regions
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.regions import Region, RegionPoints, RegionSettings
+from placement_planner_ros.core.scene.regions import Region, RegionSettings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
@@ -128,24 +128,6 @@ def test_split_covers_exactly_and_goes_on_down_to_nothing():
     for _ in range(20):
         smallest = smallest.split()[-1] if smallest.split() else smallest
     assert 0.0 < smallest.area < 1e-11
-
-
-def test_points_on_several_regions_at_once_are_each_uniform_by_area():
-    regions = [
-        Region(np.array([[0.0, 0.0, 0.3, 0.1], [1.0, 0.0, 1.1, 0.1]]), 0.25),
-        Region(np.array([[0.0, 0.0, 1.0, 1.0]]), 0.5, (0.1, 0.0)),
-        Region(np.array([[2.0, 0.0, 2.1, 0.1]]), 0.75),
-    ]
-    rng = np.random.default_rng(0)
-    picked = rng.integers(3, size=12000)
-    points = RegionPoints(regions).sample(picked, rng)
-    first, sloping, last = (points[picked == k] for k in range(3))
-    assert (first[:, 2] == 0.25).all()
-    np.testing.assert_allclose(sloping[:, 2], 0.5 + 0.1 * sloping[:, 0])
-    assert (first[:, 0] < 0.5).mean() == pytest.approx(0.75, abs=0.03)
-    np.testing.assert_allclose(sloping[:, :2].mean(axis=0), 0.5, atol=0.02)
-    assert ((last[:, :2] >= [2.0, 0.0]) & (last[:, :2] <= [2.1, 0.1])).all()
-    np.testing.assert_allclose(last[:, :2].mean(axis=0), [2.05, 0.05], atol=0.003)
 
 
 def test_empty_environment_has_no_regions():
