@@ -124,20 +124,6 @@ def _is_support(boxes: BoxArrays, box: int, lowest: float) -> bool:
     )
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
-    """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
-    far = need + BOUND_TOLERANCE_M
-    return bool(
-        corners[box, 0] - bounds[row, 3] >= far
-        or bounds[row, 0] - corners[box, 3] >= far
-        or corners[box, 1] - bounds[row, 4] >= far
-        or bounds[row, 1] - corners[box, 4] >= far
-        or corners[box, 2] - bounds[row, 5] >= far
-        or bounds[row, 2] - corners[box, 5] >= far
-    )
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _known_side(
     arm: ArmArrays, scratch: ArmScratch, s: int, far: float
@@ -185,28 +171,14 @@ def _set_keeps_box(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _mesh_of_set_keeps_box(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, s: int, box: int, need: float
-) -> bool:
-    """Whether the mesh that set s covers keeps `need` from one box: asked once for all its sets."""
-    mesh = arm.sets[s, at.SET_MESH]
-    placement = scratch.counters[0] * arm.meshes.shape[0] + mesh
-    if scratch.mesh_stamp[box] != placement:
-        if not mesh_keeps_box(arm, scratch, mesh, boxes.corners, box, need):
-            return False
-        scratch.mesh_stamp[box] = placement
-    return True
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def leaf_keeps_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, node: int, need: float, fine: bool
 ) -> bool:
     """Whether what a leaf sphere covers keeps `need` from the boxes in reach of it.
 
-    Boxes are sought in the columns of cells below the leaf's ball: those within the ball, near the
-    box around the set, and not far along the direction that last kept a box away from the set; then
-    the set itself, or the mesh that it covers.
+    Boxes are sought in the columns of cells below the leaf's ball: those within it, and not far
+    along the direction that last kept a box away from the set; then the set itself, or the mesh
+    that it covers.
 
     Args:
         fine: whether meshes are asked where their covers come too near.
@@ -217,6 +189,7 @@ def leaf_keeps_boxes(
     per_metre = 1.0 / size
     # The set is placed once.
     s = arm.nodes[node, at.NODE_SET]
+    mesh = arm.sets[s, at.SET_MESH]
     if scratch.set_stamp[s] < scratch.counters[0]:
         scratch.set_stamp[s] = scratch.counters[0]
         place_set(arm, scratch, s)
@@ -255,10 +228,8 @@ def leaf_keeps_boxes(
                 if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
                     continue
                 scratch.box_stamp[box] = visit
-                # Skip boxes that lie apart from the box around the set, and the support.
-                if boxes_apart(bounds, s, corners, box, need) or (
-                    len(boxes.tops) > 0 and _is_support(boxes, box, bounds[s, 2])
-                ):
+                # Skip the support.
+                if len(boxes.tops) > 0 and _is_support(boxes, box, bounds[s, 2]):
                     continue
                 # Skip boxes whose nearest corner is far along the remembered direction.
                 if (
@@ -275,10 +246,8 @@ def leaf_keeps_boxes(
                 if _set_keeps_box(arm, boxes, scratch, s, box, need):
                     # What keeps this box away may keep its neighbours away.
                     nx, ny, nz, offset = _known_side(arm, scratch, s, far)
-                elif (
-                    not fine
-                    or arm.sets[s, at.SET_MESH] < 0
-                    or not _mesh_of_set_keeps_box(arm, boxes, scratch, s, box, need)
+                elif not (
+                    fine and mesh >= 0 and mesh_keeps_box(arm, scratch, mesh, corners, box, need)
                 ):
                     note_hit(scratch, 0, s, box)
                     return False

@@ -105,9 +105,7 @@ class ArmScratch(NamedTuple):
     sides: Array
     """(s, 3) unit direction that last kept a box away from each set, in its frame; 0 without."""
     box_stamp: Indices
-    """(m,) visit in which an obstacle was last looked at; `mesh_stamp`: in which placement of which
-    mesh it was last found free of it."""
-    mesh_stamp: Indices
+    """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
     """Configuration, visit."""
     sweep: Array
@@ -253,7 +251,6 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         sides=np.zeros((sets, 3)),
         box_stamp=np.zeros(boxes, dtype=np.int64),
-        mesh_stamp=np.full(boxes, -1, dtype=np.int64),
         counters=np.zeros(2, dtype=np.int64),
         sweep=np.zeros(1),
         work=np.zeros((9, 4)),

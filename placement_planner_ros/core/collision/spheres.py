@@ -8,11 +8,11 @@ it, inside included.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface
@@ -147,37 +147,17 @@ def _lower_part(edges: Array, heights: Array) -> Array:
     return np.concatenate([kept, np.stack([low, rim[: len(low)]], axis=1), around])
 
 
-@njit(cache=True, nogil=True)
 def bounding_sphere(points: Array) -> tuple[Array, float]:
     """Centre (3,) and radius of a ball around (n, 3) points, within 1 % of the smallest.
 
     Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
     """
-    # Start from the mean of the points.
-    center = np.zeros(3)
-    count = points.shape[0]
-    for i in range(count):
-        center += points[i]
-    center /= count
-    best = center.copy()
+    center = best = points.mean(axis=0)
     smallest = np.inf
-    for step in range(200):
-        # The point that is farthest from the centre.
-        farthest = 0
-        square = -1.0
-        for i in range(count):
-            dx = points[i, 0] - center[0]
-            dy = points[i, 1] - center[1]
-            dz = points[i, 2] - center[2]
-            d = dx * dx + dy * dy + dz * dz
-            if d > square:
-                square = d
-                farthest = i
-        # Keep the best centre so far.
-        if square < smallest:
-            smallest = square
-            best[:] = center
-        # A step towards that point.
-        for j in range(3):
-            center[j] += (points[farthest, j] - center[j]) / (step + 2)
-    return best, np.sqrt(smallest)
+    for step in range(40):
+        squares = np.square(points - center).sum(axis=1)
+        farthest = squares.argmax()
+        if squares[farthest] < smallest:
+            best, smallest = center, squares[farthest]
+        center = center + (points[farthest] - center) / (step + 2)
+    return best, math.sqrt(smallest)

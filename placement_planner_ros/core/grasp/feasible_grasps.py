@@ -53,7 +53,7 @@ def usable_holdings(
         # q_0 must lie within the arm's limits.
         beyond = beyond_limits(arm, problem.q_start)
         if beyond is not None:
-            faults.append(Fault(f"{arm.name}: {beyond.words}", beyond.remedies))
+            faults.append(beyond.of(arm.name))
             continue
         # What every grasp of the arm shares.
         step(f"making the open hand of arm {arm.name}")
@@ -85,8 +85,7 @@ def usable_holdings(
             if fault is None:
                 holdings[-1].append(holding)
             else:
-                words = f"{arm.name} with grasp {grasp}: {fault.words}"
-                faults.append(Fault(words, fault.remedies))
+                faults.append(fault.of(f"{arm.name} with grasp {grasp}"))
     if not any(holdings):
         raise none_usable(faults, bad_grasps)
     return holdings, (*map(str, bad_grasps), *map(str, faults))

@@ -41,13 +41,19 @@ def opening_error(moving: MovingArm, held: AttachedObject) -> GraspError | None:
     if not pushes:
         return None
     depths = ", ".join(f"{link} {depth:.4f} m" for link, depth in pushes)
-    return GraspError(
-        f"{arm.name}.grasps[{held.grasp}]",
-        pin.SE3ToXYZQUAT(arm.grasps[held.grasp]).round(4).tolist(),
+    return grasp_error(
+        arm,
+        held.grasp,
         f"opening the hand pushes {depths} into the object; move the grasp, check gripper_open and "
         "object.scale, give links whose collision shapes are only drawn around the hand closer "
         "ones, or set require_retreat to false",
     )
+
+
+def grasp_error(arm: Arm, grasp: int, remedy: str) -> GraspError:
+    """What is wrong with a grasp, named with its pose."""
+    pose = pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist()
+    return GraspError(f"{arm.name}.grasps[{grasp}]", pose, remedy)
 
 
 @weak_lru_cache("body", maxsize=64)
@@ -83,13 +89,9 @@ def _added_depth(
 ) -> float:
     """How much deeper the first shape gets into the second, at a pose, than it begins, metres."""
     i, j = pair
-    # Places where the balls around both meet.
-    middles = np.array([place.act(overlaps.centers[i]) for place in places])
-    away = np.linalg.norm(middles - at.act(overlaps.centers[j]), axis=1)
-    near = away <= overlaps.radii[i] + overlaps.radii[j]
     # The depth at the beginning, and the greatest one on the way.
-    most = begun = overlaps.depth(i, j, places[0], at, _FINE_DEPTH_M) if near[0] else 0.0
-    for row in np.flatnonzero(near[1:]).tolist():
+    most = begun = overlaps.depth(i, j, places[0], at, _FINE_DEPTH_M)
+    for place in places[1:]:
         told = max(begun + _ADDED_DEPTH_M, most)
-        most = max(most, overlaps.depth(i, j, places[row + 1], at, beyond=told))
+        most = max(most, overlaps.depth(i, j, place, at, beyond=told))
     return most - begun

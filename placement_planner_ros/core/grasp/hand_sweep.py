@@ -75,7 +75,8 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
             local = simpler_hull(hull_around(local), _ROUNDED_CORNER_M, MAX_VERTICES).vertices
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
-        copies = [_transformed_points(frame[joint] * thing.placement, local) for frame in frames]
+        places = [frame[joint] * thing.placement for frame in frames]
+        copies = [local @ T.rotation.T + T.translation for T in places]
         # How far they are from the axes that turn them.
         axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
         away = [
@@ -122,10 +123,6 @@ def joint_frames(robot: Robot, q: Array, change: Array, steps: int) -> list[list
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
     return frames
-
-
-def _transformed_points(T: pin.SE3, points: Array) -> Array:
-    return np.asarray(points @ T.rotation.T + T.translation)
 
 
 def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:

@@ -162,13 +162,9 @@ class Holding:
     def free_ones(self, Q: Array) -> Array:
         """Those of Q (n, dof) that are free with the object resting on its support, the shorter
         way round, the nearest to q_0 first."""
-        Q = self._nearest(Q)
+        Q = self.arm.nearest_turns(Q, self.q_start)
         free = Q[self.collision.free_batch(Q, self._reserve, contact=True)]
         return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
-
-    def _nearest(self, Q: Array) -> Array:
-        """Q (n, dof), the shorter way round from q_0."""
-        return self.arm.nearest_turns(Q, self.q_start)
 
     def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
         """The configuration (dof,) continuing from `q` that brings the object to that pose."""

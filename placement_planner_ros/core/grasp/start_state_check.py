@@ -22,6 +22,7 @@ from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import HELD_OBJECT, CollisionSettings, arm_joint
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
+from placement_planner_ros.core.grasp.hand_opening import grasp_error
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -57,6 +58,10 @@ class Fault:
 
     words: str
     remedies: tuple[str, ...]
+
+    def of(self, who: str) -> Fault:
+        """The same, of that arm or grasp."""
+        return Fault(f"{who}: {self.words}", self.remedies)
 
     def __str__(self) -> str:
         return f"{self.words}; {'; '.join(self.remedies)}"
@@ -95,15 +100,14 @@ def faults_at_start(
         # What the arm meets wherever the object is held.
         of_arm = placed.of_arm(arm)
         if of_arm is not None:
-            faults.append(Fault(f"{arm.name}: {of_arm.words}", of_arm.remedies))
+            faults.append(of_arm.of(arm.name))
         for grasp in range(len(arm.grasps)):
             bad = placed.object_in_hand(arm, grasp)
             found = None if of_arm or bad else placed.of_grasp(arm, grasp)
             if bad is not None:
                 bad_grasps.append(bad)
             elif found is not None:
-                words = f"{arm.name} with grasp {grasp}: {found.words}"
-                faults.append(Fault(words, found.remedies))
+                faults.append(found.of(f"{arm.name} with grasp {grasp}"))
             usable += of_arm is None and bad is None and found is None
     if not usable:
         raise none_usable(faults, bad_grasps)
@@ -237,9 +241,9 @@ class StartState:
         if not depths:
             return None
         links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
-        return GraspError(
-            f"{arm.name}.grasps[{grasp}]",
-            pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist(),
+        return grasp_error(
+            arm,
+            grasp,
             f"the object lies in {links}; move the grasp, list "
             f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
             "object.scale where the object is not that large",
