@@ -137,8 +137,8 @@ class PlannerSettings(Settings):
     contacts: tuple[str, ...] = setting(
         ("face",),
         text="Contact classes that are looked for. face: a face of the object on a surface; lean: "
-        "an edge on a level surface, the object against a wall. Nothing looks for slot: no "
-        "straight way opens all contacts between two walls at once.",
+        "an edge on a level surface, the object against a wall. None is slot, as no straight way "
+        "opens contacts with two walls at once: in a slot, lean finds what rests against one wall.",
         choices=CONTACTS,
     )
     friction: float = setting(

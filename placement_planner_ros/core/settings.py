@@ -50,7 +50,8 @@ class Meaning:
             ParameterError: it is none of the choices, not finite, or outside the interval.
         """
         if self.choices and value not in self.choices:
-            raise ParameterError(name, value, f"choose one of {', '.join(self.choices)}")
+            known = f"choose one of {', '.join(self.choices)}: {self.text}".rstrip(": ")
+            raise ParameterError(name, value, known)
         if isinstance(value, (str, bool)):
             return
         number = cast("float", value)

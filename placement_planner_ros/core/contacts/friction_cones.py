@@ -43,7 +43,7 @@ def stays(
         margin: share of the weight that acts at the centre in any horizontal direction.
     """
     # Forces (k, 3) by column, of unit push, and where they act.
-    x, y, z = np.hstack([np.tile(_cone(friction), len(floor)), np.zeros((3, len(wall)))])
+    x, y, z = np.hstack([np.tile(_cone_sides(friction), len(floor)), np.zeros((3, len(wall)))])
     pushes = slice(len(floor) * CONE_SIDES, None)
     x[pushes], z[pushes] = math.cos(tilt), math.sin(tilt)
     a, b, c = (np.vstack([np.repeat(floor, CONE_SIDES, axis=0), wall]) - center).T
@@ -51,7 +51,7 @@ def stays(
     moments = np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
     size = max(float(np.abs([a, b, c]).max()), 1e-6)
     wrenches = np.vstack([x, y, z, moments / size])
-    return all(nnls(wrenches, -load)[1] <= BALANCED for load in _loads(margin))
+    return all(nnls(wrenches, -load)[1] <= BALANCED for load in _disturbed_loads(margin))
 
 
 def could_stay(
@@ -77,14 +77,14 @@ def could_stay(
 
 
 @functools.cache
-def _cone(friction: float) -> Array:
+def _cone_sides(friction: float) -> Array:
     """(3, `CONE_SIDES`) sides of the pyramid that stands for a friction cone."""
     turns = 2.0 * math.pi * np.arange(CONE_SIDES) / CONE_SIDES
     return np.stack([friction * np.cos(turns), friction * np.sin(turns), np.ones(CONE_SIDES)])
 
 
 @functools.cache
-def _loads(margin: float) -> Array:
+def _disturbed_loads(margin: float) -> Array:
     """(`DIRECTIONS`, 6) weight with the wrench; those out of the wall and into it first."""
     aside = _aside(margin) / math.cos(math.pi / DIRECTIONS)
     turns = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS

@@ -9,6 +9,7 @@ the object leans.
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +33,7 @@ from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.walls import Wall
+from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD, Wall
 from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.types import FULL_TURN, LEVEL, Array, Contact, Resting, Slope
 
@@ -55,7 +56,7 @@ class LeanContact:
         self._collision = ObjectCollision(problem.body, problem.environment.obstacles, collision)
         self._edges = lean_edges(problem.body.vertices)
         self._reaches = Reaches(self._edges, problem.body.center_of_mass, footing)
-        self._heights = distinct_heights(problem.environment.regions)
+        self._heights = distinct_heights(problem.environment.regions, footing.contact_tolerance)
         self._strips = Strips(problem.environment, self._heights, footing)
         self._walls = problem.environment.walls
         self._behind = functools.cache(
@@ -253,10 +254,18 @@ class LeanContact:
             return Missing(words, "object.mesh", "check it and object.scale")
         if not self._walls:
             words = "no wall was found in or around target_volume to lean on"
-            return Missing(words, "target_volume", "choose one before a wall that clouds show")
+            steep = math.degrees(STEEPEST_LEAN_RAD)
+            upright = f"choose one before a wall that clouds show, {steep:g} degrees off at most"
+            return Missing(words, "target_volume", upright)
         if self._reaches.none:
-            words = f"leaning on a wall no edge stays with friction {footing.friction:g}"
-            rough = "raise it, if surfaces are rougher; or give object.center_of_mass, if it is low"
+            words = (
+                f"leaning on a wall no edge stays with friction {footing.friction:g} and "
+                f"stability_margin {footing.stability_margin:g}"
+            )
+            rough = (
+                "raise it, if surfaces are rougher, lower stability_margin, or give "
+                "object.center_of_mass, if it is low"
+            )
             return Missing(words, "friction", rough)
         too_low = [
             (wall.top - strip.z, reach.touches)

@@ -29,12 +29,8 @@ STEP_M = 0.001
 """m between distances from the wall at which it is looked whether an edge could stay."""
 ALIKE_TILT_RAD = 0.01
 """rad by which walls differ before which edges are said to stay alike."""
-TRIES = 5
-"""Distances at which friction cones tell whether an edge stays at all."""
 STRIP_M = 0.005
 """m, side of the squares that strips of surface before walls are made of."""
-SAME_LEVEL_M = 0.003
-"""m by which heights of surfaces of one strip differ at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +104,7 @@ class Reaches:
         planar = centers[:, [0, 2]], top[:, [0, 2]], tilt
         may = could_stay(*planar, footing.friction, footing.stability_margin)
         rows = np.flatnonzero(may & leans_far_enough(lowest, footing))
-        tried = rows[np.linspace(0, len(rows) - 1, TRIES).astype(int)] if len(rows) else rows
-        for row in tried:
+        for row in rows[[0, len(rows) // 2, -1]] if len(rows) else rows:
             floor = corners[row][corners[row][:, 2] <= corners[row][:, 2].min() + TOUCHING_M]
             if is_held(floor, corners[row][against[row]], tilt, centers[row], footing):
                 ends = distances[rows[0]] - STEP_M, distances[rows[-1]] + STEP_M
@@ -236,10 +231,10 @@ class Strips:
         return squares[rows], middles[rows]
 
 
-def distinct_heights(regions: Iterable[Region]) -> list[float]:
-    """z of level regions, those that are about as high once, of the larger."""
+def distinct_heights(regions: Iterable[Region], tolerance: float) -> list[float]:
+    """z of level regions; those that differ by no more than a tolerance once, of the larger."""
     found: list[float] = []
     for region in regions:
-        if region.slope == LEVEL and all(abs(region.z - z) > SAME_LEVEL_M for z in found):
+        if region.slope == LEVEL and all(abs(region.z - z) > tolerance for z in found):
             found.append(region.z)
     return found

@@ -52,7 +52,7 @@ TABLE = {
         ),
     ),
     Verdict.COLLIDING: ConstraintRow(
-        "let the object meet something, at rest or on its way down",
+        "let the object meet something, at rest or on its way there",
         "with the object in collision",
         (*_ROOM, *_ASKED),
         (_MORE_ROOM,),
@@ -91,12 +91,12 @@ TABLE = {
         ),
     ),
     Verdict.NO_APPROACH: ConstraintRow(
-        "had no free straight way down onto the support",
-        "with no way down",
+        "had no free straight way onto what carries the object",
+        "with no way there",
         (*_ROOM, "approach_distance", *_ASKED),
         (
             ("target_volume", "choose one with more free height"),
-            ("<arm>.grasps", "give some with which the arm can come straight down"),
+            ("<arm>.grasps", "give some with which the arm can come straight there"),
         ),
     ),
     Verdict.NO_RETREAT: ConstraintRow(

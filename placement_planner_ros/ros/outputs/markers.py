@@ -12,6 +12,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.contacts.friction_cones import CONE_SIDES
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array, Resting, TargetVolume
 from placement_planner_ros.ros.outputs.conversions import pose_message
@@ -26,7 +27,6 @@ _FORCE = ColorRGBA(r=0.1, g=0.2, b=0.8, a=1.0)
 _WALL = ColorRGBA(r=0.5, g=0.3, b=0.7, a=0.35)
 FORCE_LENGTH_M = 0.05
 """m, of the lines from where a leaning object touches, along what holds it, and of their cones."""
-CONE_SIDES = 12
 MOST_POINTS = 1500
 """Of an object that stands, as all of them go along with every placement."""
 

@@ -20,7 +20,7 @@ from placement_planner_ros.scenes.scenes import scene_by_name
 SITUATIONS = situations(0)
 NOTHING = {
     "slippery": "friction 0.0",
-    "much asked": "friction 0.3",
+    "much asked": "stability_margin 0.",
     "bottle": "friction 0.3",
     "plate": "friction 0.3",
     "low wall": "too low",
