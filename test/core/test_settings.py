@@ -32,7 +32,7 @@ class Example(Settings):
         ({"size": float("inf")}, "size = inf: must be finite"),
         ({"count": 0}, r"count = 0: must lie in \[1, 4\]$"),
         ({"free": float("inf")}, "free = inf: must be finite$"),
-        ({"name": "c"}, "name = 'c': choose one of a, b$"),
+        ({"name": "c"}, "name = 'c': choose one of a, b: A name.$"),
         ({"limits": (1.0, 0.1)}, r"limits = 0\.1: must lie in \[0\.5, 10\] rad/s$"),
     ],
 )
