@@ -14,7 +14,7 @@ from benchmarks.household import object_by_name
 from benchmarks.real_clouds.table import TableCloud
 from benchmarks.record import RecordedRun
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 
 _ROBOT = 0.12
 """m ahead of the robot's middle within which points are taken to be its own."""

@@ -8,7 +8,7 @@ import trimesh
 
 from benchmarks.robots.subject import MeasuredRobot
 from benchmarks.situations.observing import Observation
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, complete_cloud
 from placement_planner_ros.scenes.primitives import Colour, box, frustum, standing_box

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.situations.situation import Cloud, Situation
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,

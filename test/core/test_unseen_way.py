@@ -9,8 +9,8 @@ from benchmarks.cases import build_problem, inputs_of
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.freespace import SeenSpace, View
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.visibility import SeenSpace, View
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import TargetVolume, Trajectory
 from placement_planner_ros.core.unseen_way import unseen_share

@@ -12,7 +12,7 @@ from placement_planner_ros.core.contacts.lean import LeanContact
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import LEVEL, TargetVolume
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,

@@ -20,9 +20,6 @@ from placement_planner_ros.core.uncounted import Uncounted
 Index = npt.NDArray[np.int32]
 Rows = npt.NDArray[np.int64]
 
-WORTH_CUTTING = 0.6
-"""A cell is cut where its boxes fill less than this share of the single box around its points."""
-
 
 class Bins(NamedTuple):
     """Points sorted by cell.
@@ -52,27 +49,12 @@ class CellBoxes(NamedTuple):
     points: npt.NDArray[np.float32]
 
 
-def sort_into_cells(
-    points: Array,
-    origin: Array,
-    cell_size: float,
-    shape: tuple[int, int, int],
-    lower: Array,
-    upper: Array,
-) -> Bins:
-    """Sort the (n, 3) points that are finite and within the bounds (both ends included)."""
-    number_at = np.zeros(shape, np.int32)
-    sorted_points, start, cells = _sort_into_cells(
-        points, origin, cell_size, lower, upper, number_at
-    )
-    return Bins(sorted_points, start, cells, number_at)
-
-
 @njit(cache=True, nogil=True)
-def _sort_into_cells(
+def sort_into_cells(
     points: Array, origin: Array, cell_size: float, lower: Array, upper: Array, number_at: Index
 ) -> tuple[Array, Rows, Index]:
-    """A counting sort: the fields of `Bins`; `number_at` (nx, ny, nz), all 0, is filled."""
+    """A counting sort of those (n, 3) points that are finite and within the bounds, both ends
+    included: the fields of `Bins`; of these, `number_at` (nx, ny, nz), all 0, is filled."""
     nx, ny, nz = number_at.shape
     # how many points each cell holds; `cell_of` remembers which
     n = len(points)
@@ -128,36 +110,21 @@ def _sort_into_cells(
     return kept_points, start, cells
 
 
-def boxes_of_cells(bins: Bins, skin: float, max_boxes: int) -> CellBoxes:
-    """Box the points of each cell, in up to so many boxes.
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def _bound_points(points: Array, rows: Rows, skin: float, box: Array) -> tuple[float, bool]:
+    """`box` (2, 3): the tight box around points[rows].
 
-    A cut is used if it leaves out a good part of the volume.
-
-    Args:
-        bins: `number_at` is rewritten to one more than the first box of each cell.
-        skin: thickness of one level surface, metres.
+    Returns:
+        Its volume, each side counted as at least `skin`; whether some side is no thicker than that.
     """
-    return CellBoxes(*_boxes_of_cells(bins, skin, max_boxes))
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _bound_points(points: Array, rows: Rows, box: Array) -> None:
-    """`box` (2, 3): the tight box around points[rows]."""
-    for a in range(3):
-        box[0, a], box[1, a] = np.inf, -np.inf
-        for row in rows:
-            box[0, a] = min(box[0, a], points[row, a])
-            box[1, a] = max(box[1, a], points[row, a])
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _box_volume(box: Array, skin: float) -> tuple[float, bool]:
-    """Volume, each side counted as at least `skin`; whether some side is no thicker than that."""
     volume, flat = 1.0, False
     for a in range(3):
-        side = box[1, a] - box[0, a]
-        volume *= max(side, skin)
-        flat = flat or side <= skin
+        low, high = np.inf, -np.inf
+        for row in rows:
+            low, high = min(low, points[row, a]), max(high, points[row, a])
+        box[0, a], box[1, a] = low, high
+        volume *= max(high - low, skin)
+        flat = flat or high - low <= skin
     return volume, flat
 
 
@@ -207,43 +174,47 @@ def _cut_cell(
     """
     count = len(rows)
     # one box around all of them; what is flat stays so
-    _bound_points(points, rows, boxes[0])
-    whole, flat = _box_volume(boxes[0], skin)
+    whole, flat = _bound_points(points, rows, skin, boxes[0])
     ends[0], ends[1] = 0, count
     if flat or max_boxes == 1:
         return 1
-    number, volume, left = 0, 0.0, count
+    number, volume, of_rest, left = 0, 0.0, whole, count
     while left > 0:
         # boxes[number] is around all that is left, of which the last box takes all
-        rest = rows[count - left :]
-        of_rest, flat = _box_volume(boxes[number], skin)
         if number + 1 == max_boxes or flat:
             volume += of_rest
             left = 0
         else:
             # the fullest side becomes a box of its own
+            rest = rows[count - left :]
             taken = _cut_off(points, rest, boxes[number], skin, spill)
-            _bound_points(points, rest[:taken], boxes[number])
-            volume += _box_volume(boxes[number], skin)[0]
+            volume += _bound_points(points, rest[:taken], skin, boxes[number])[0]
             left -= taken
         number += 1
         ends[number] = count - left
         # the next box is around what remains
         if left > 0:
-            _bound_points(points, rows[count - left :], boxes[number])
-    if volume <= WORTH_CUTTING * whole:
+            of_rest, flat = _bound_points(points, rows[count - left :], skin, boxes[number])
+    if volume <= 0.5 * whole:
         return number
-    # not worth it
-    _bound_points(points, rows, boxes[0])
+    # not worth it where they fill more than half of the single box
+    _bound_points(points, rows, skin, boxes[0])
     ends[1] = count
     return 1
 
 
 @njit(cache=True, nogil=True)
-def _boxes_of_cells(
+def boxes_of_cells(
     bins: Bins, skin: float, max_boxes: int
 ) -> tuple[Index, Array, Array, Index, Rows, npt.NDArray[np.float32]]:
-    """The fields of `CellBoxes`."""
+    """The fields of `CellBoxes`: the points of each cell, in up to so many boxes.
+
+    A cut is used if it leaves out a good part of the volume.
+
+    Args:
+        bins: `number_at` is rewritten to one more than the first box of each cell.
+        skin: thickness of one level surface, metres.
+    """
     points, start, cells = bins.points, bins.start, bins.cells
     # room for the most boxes that there can be
     room = len(cells) * max_boxes

@@ -20,7 +20,13 @@ from numba import njit
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.cloud import AROUND_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.rasters import Field, Index, hand_on_nearest
+from placement_planner_ros.core.scene.rasters import (
+    MOST_HEIGHTS,
+    MOST_PIXELS,
+    Field,
+    Index,
+    hand_on_nearest,
+)
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -32,12 +38,8 @@ COLUMN_M, RUN_M = 0.5 * VOXEL_M, 2.0 * VOXEL_M
 """m, side of the columns that points are gathered in, and heights whose points are of one run."""
 END_STEP_M = 0.25 * VOXEL_M
 """m between heights at which runs may end."""
-MOST_ENDS = 48
-"""Heights at most at which runs end: those that are nearest to each other are taken for one."""
 SLICE_M = 4.0 * VOXEL_M
 """m of the thickest slice: within it, distances to what is overhead are linear."""
-MOST_PIXELS = 100_000
-"""Pixels of a raster at most; those of large volumes are further apart."""
 
 _SINGLE_PRECISION = 100.0 * float(np.finfo(np.float32).eps)
 """More than the slopes of an envelope are off by, in parts."""
@@ -168,11 +170,7 @@ class ClearanceField:
 
     def distance(self, points: Array) -> Array:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
-        return np.asarray(_point_distances(self._table, _contiguous_view(points))[:, 0])
-
-    def gradient(self, points: Array) -> Array:
-        """(n, 2) ∂d_S/∂x and ∂d_S/∂y at the (n, 3) points, of the interpolation itself."""
-        return np.asarray(_point_distances(self._table, _contiguous_view(points))[:, 1:])
+        return np.asarray(_point_distances(self._table, _contiguous_view(points)))
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
@@ -298,7 +296,8 @@ def _runs_of_columns(
 def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
     """Faces of the slices, the lowest first, and the slice that each run ends at.
 
-    Heights at which few runs end, near to others, are joined with these, as by Ward. From `low` on
+    Of more than `MOST_HEIGHTS`, those at which few runs end, near to others, are joined with these,
+    as by Ward. From `low` on
     slices are no thicker than `SLICE_M`.
     """
     if len(end) == 0:
@@ -307,7 +306,7 @@ def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64
     of_run = np.unique(step, return_inverse=True)[1]
     weight = np.bincount(of_run).astype(np.float64)
     height = np.bincount(of_run, weights=end) / weight
-    height, group = _joined_ends(height, weight, MOST_ENDS)
+    height, group = _joined_ends(height, weight, MOST_HEIGHTS)
     below = np.append(min(low, height[0]) - SLICE_M, height)
     parts = np.ceil(np.diff(below) / SLICE_M).astype(np.int64)
     between = [
@@ -442,20 +441,6 @@ def _raise_to_slope(values: Field, pixel: np.float32) -> None:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _slice_of(faces: Array, z: float) -> int:
-    """The slice that a height lies in: the first whose upper face is above it."""
-    # bisect between the first slice and the last face
-    low, high = 0, len(faces) - 1
-    while low < high:
-        middle = (low + high) // 2
-        if faces[middle + 1] > z:
-            high = middle
-        else:
-            low = middle + 1
-    return low
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Mean of d_S over a voxel's height around a point, and its change along x and y."""
     values, faces = table.values, table.faces
@@ -469,7 +454,8 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
     v -= j
     low, top = z - 0.5 * VOXEL_M, z + 0.5 * VOXEL_M
     total, along_x, along_y = 0.0, 0.0, 0.0
-    s = _slice_of(faces, low)
+    # the slice that this lies in: the first whose upper face is above
+    s = np.searchsorted(faces[1:], low, side="right")
     # slice by slice, what of the voxel lies in it, at the middle of that
     while low < top and s < slices:
         end = min(faces[s + 1], top)
@@ -497,11 +483,10 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
 
 @njit(cache=True, nogil=True)
 def _point_distances(table: ClearanceTable, points: Array) -> Array:
-    """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
-    result = np.empty((len(points), 3))
+    """(n,) d_S."""
+    result = np.empty(len(points))
     for p in range(len(points)):
-        d, gx, gy = _voxel_mean(table, points[p, 0], points[p, 1], points[p, 2])
-        result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
+        result[p] = _voxel_mean(table, points[p, 0], points[p, 1], points[p, 2])[0]
     return result
 
 

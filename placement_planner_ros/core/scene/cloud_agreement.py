@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from placement_planner_ros.core.scene.cloud import STEP_M
 from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
@@ -18,17 +19,11 @@ Rows = npt.NDArray[np.int64]
 COLUMN_M = 0.02
 """m, edge of the columns in which heights are compared; points of a level surface in one of them
 reach up and down by no more, with noise and slope."""
-_GAP_M = 0.005
-"""m without points between two surfaces of one column, and by which calibrated cameras differ: what
-is put down there falls no deeper."""
-_SURFACE_POINTS = 5
-"""Points of a surface in a column."""
-_INDEPENDENT = 9.0
-"""Points of a column whose errors are independent, at most: neighbouring pixels err alike."""
+_SURFACE_POINTS = 9
+"""Points of a surface in a column, at least; and of these, whose errors are independent, at most:
+neighbouring pixels err alike."""
 _CALIBRATION_M = 0.05
 """m between two surfaces that may be one; calibrations are not off by more."""
-_PATCH_COLUMNS = 9
-"""Columns, side by side, that make a patch: 6 cm by 6 cm."""
 _TOGETHER_S = 0.5
 """s between two clouds between which nothing has moved."""
 
@@ -77,14 +72,14 @@ class _Surfaces:
         rows = np.lexsort([points[:, 2], columns[:, 1], columns[:, 0]])
         columns, z = columns[rows], points[rows, 2]
         # a surface ends with its column, or where a gap is above it
-        ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > _GAP_M)
+        ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > STEP_M)
         first = np.append(0, np.flatnonzero(ends) + 1)
         last = np.append(first[1:], len(z))
         count = (last - first).astype(np.float64)
         level = (count >= _SURFACE_POINTS) & (z[last - 1] - z[first] <= COLUMN_M)
         height = np.add.reduceat(z, first) / count
         square = np.add.reduceat((z - np.repeat(height, last - first)) ** 2, first)
-        error = np.sqrt(square / np.maximum(count - 1.0, 1.0) / np.minimum(count, _INDEPENDENT))
+        error = np.sqrt(square / np.maximum(count - 1.0, 1.0) / np.minimum(count, _SURFACE_POINTS))
         return cls(
             columns[first[level]], height[level], error[level], rows, first[level], last[level]
         )
@@ -100,8 +95,9 @@ def disagreements(
 ) -> list[Disagreement]:
     """Pairs of clouds whose surfaces differ in height over a patch, in one direction.
 
-    By more than the tolerance and three times the mean's error; where something has moved between
-    two clouds, only part of what both see differs.
+    By more than the tolerance and three times the mean's error; nothing is put down where it is
+    more than `STEP_M`, too: what is falls no deeper. Where something has moved between two clouds,
+    only part of what both see differs.
 
     Args:
         clouds: (n, 3) metres each, without the robot.
@@ -125,7 +121,7 @@ def disagreements(
             apart &= _in_patches(first.columns[a], apart)
             if not apart.any() or not (together or apart.mean() > 0.5):
                 continue
-            deep = apart & (np.abs(higher) > max(tolerance, _GAP_M) + doubt)
+            deep = apart & (np.abs(higher) > max(tolerance, STEP_M) + doubt)
             where = [clouds[i], clouds[j]]
             if deep.mean() <= 0.5:  # else also what one of them alone sees is off
                 where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
@@ -161,13 +157,11 @@ def _nearest_heights(of: Array, among: Array) -> Rows:
 
 
 def _in_patches(columns: Rows, which: Mask) -> Mask:
-    """(n,) those of some columns (n, 2) that are at least `_PATCH_COLUMNS` side by side."""
+    """(n,) those of some columns (n, 2) that are of a square of three by three, 6 cm wide."""
     if not which.any():
         return which
     at = columns - columns.min(axis=0)
     grid = np.zeros(at.max(axis=0) + 1, np.bool_)
     grid[tuple(at[which].T)] = True
-    labels, _ = ndimage.label(grid)
-    large = np.bincount(labels.ravel()) >= _PATCH_COLUMNS
-    large[0] = False
-    return which & large[labels[tuple(at.T)]]
+    patches: Mask = ndimage.binary_opening(grid, np.ones((3, 3)))
+    return np.asarray(which & patches[tuple(at.T)])

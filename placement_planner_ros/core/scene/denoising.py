@@ -14,20 +14,17 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.scene.cells import Bins, Rows
+from placement_planner_ros.core.scene.cloud import SAMPLES
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 
-SAMPLED_CELLS = 4000
-"""Neighbourhoods looked at to estimate the noise."""
 PLANE_POINTS, SURFACE_POINTS = 8, 20
 """Points that a plane needs; that a neighbourhood needs to show noise: sparse is not noisy, ..."""
 SURFACE_SHARE = 0.2
 """... and at least this share of all must be such surfaces."""
-PLANE_NOISES = 2.0
-"""Standard deviations of the noise that points of one plane scatter by at most."""
 UNEVEN_NOISES, UNEVEN = 1.2, 1.4
 """Standard deviations, and times what others nearby scatter by, from which on a neighbourhood is
 not all of one plane."""
@@ -222,14 +219,47 @@ def _plane_scatter(
     return found[:n]
 
 
-def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
+def without_noise(
+    bins: Bins,
+    origin: Array,
+    size: float,
+    floor: float,
+    min_points: int,
+    bounds: tuple[Array, Array],
+) -> tuple[Array | None, float]:
+    """Points without lone ones, those of a noisy cloud projected onto their surfaces.
+
+    Args:
+        floor: m, the noise up to which points stay as they are.
+        min_points: where a cell and the 26 around it hold fewer, these are lone; no point counts as
+            lone in a sparse cloud.
+        bounds: corners within which points stay.
+
+    Returns:
+        (n, 3), NaN for what goes; None where all stay as they are. And the noise, metres; 0 where
+        there is no more than the floor.
+    """
+    counts = np.diff(bins.start)
+    fewest = min_points if np.median(counts) >= 4 else 0
+    noise = _estimate_noise(bins, origin, size)
+    if noise > floor:
+        # the second time from planes that the first has made sharper
+        for few in (0, fewest):
+            points = _on_surfaces(bins, origin, size, noise, few, bounds)
+            bins = bins._replace(points=points)
+        return points, noise
+    lone = lone_cells(bins, counts, fewest)
+    return (bins.points[np.repeat(~lone, counts)] if lone.any() else None), 0.0
+
+
+def _estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     """Standard deviation of the points about their surfaces, metres; 0 where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a
     quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
-    stride = max(1, len(bins.cells) // SAMPLED_CELLS)
+    stride = max(1, len(bins.cells) // (2 * SAMPLES))
     moments = _cell_moments(bins, origin, size)
     around = _plane_scatter(moments, bins, size, 1, stride, SURFACE_POINTS)
     if not len(around) or len(around) < SURFACE_SHARE * len(bins.cells) / stride:
@@ -243,7 +273,7 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     return float(quartile if quartile < 0.1 * median else median)
 
 
-def project_points(
+def _on_surfaces(
     bins: Bins,
     origin: Array,
     size: float,
@@ -289,7 +319,8 @@ def _fit_planes(
         # the plane is about the centre of the cell
         for a in range(3):
             center[a] = origin[a] + (cells[r, a] + 0.5) * size
-        fits = n >= PLANE_POINTS and plane[6] <= PLANE_NOISES * noise
+        # points of one plane scatter by twice the noise at most
+        fits = n >= PLANE_POINTS and plane[6] <= 2.0 * noise
         # three times anew without outliers, as long as enough are left
         for _ in range(3):
             if fits and plane[6] > UNEVEN_NOISES * noise:

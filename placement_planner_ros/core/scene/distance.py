@@ -19,7 +19,7 @@ Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
 Levels = npt.NDArray[np.uint8]
 
-_LEVELS = 255
+_LEVELS = int(np.iinfo(np.uint8).max)
 """Steps to the cap."""
 _EXACT = 2.5
 """Cells up to which distances are exact."""
@@ -27,10 +27,8 @@ _TILE = 4
 """Cells along each side of a tile."""
 _SCATTERED = 2 * _TILE
 """Cells of a column that are looked at around a box, all at once: five, and three for nothing."""
-_UNITS = 2.0**30
-"""The greatest squared distance, in units in which lines are compared ..."""
-_UNSURE = _UNITS * 2.0**-21
-"""... which rounding makes wrong by less than this: three float32 operations, 2^-24 each."""
+_ROUNDED = float(np.finfo(np.float32).eps)
+"""Share of the greatest squared distance by which differences of two are wrong at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +196,6 @@ def _lower_lines(
         gaps: (steps + 1,) squared distance to the line so many lines away, 0 first.
     """
     steps, lines = len(gaps) - 1, len(used)
-    unit = np.float32(greatest / _UNITS)
     for source in range(lines):
         if not used[source]:
             continue
@@ -206,36 +203,27 @@ def _lower_lines(
             # no further than where it is lower than its neighbour by enough
             reach = min(steps, lines - 1 - source if side > 0 else source)
             if reach > 0:
-                highest = _most_above(slab[source], slab[source + side], unit)
-                above = (float(highest) + _UNSURE) * float(unit)
+                above = _most_above(slab[source], slab[source + side]) + _ROUNDED * greatest
                 for step in range(1, reach + 1):
                     if float(gaps[step]) - float(gaps[step - 1]) >= above:
                         reach = step - 1
                         break
             # lower the lines within that reach
             for step in range(1, reach + 1):
-                _lower_by(targets[source + side * step], slab[source], gaps[step])
+                target, line, gap = targets[source + side * step], slab[source], gaps[step]
+                for k in range(len(target)):
+                    candidate = line[k] + gap
+                    target[k] = candidate if candidate < target[k] else target[k]
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _most_above(line: Field, other: Field, unit: np.float32) -> int:
-    """By how many units, rounded down, another line is above one at most, `_UNSURE` of them off.
-
-    In whole numbers, as these are compared many at once.
-    """
-    most = np.int32(0)
-    for k in range(len(line)):
-        units = np.int32((other[k] - line[k]) / unit)
-        most = units if units > most else most
-    return int(most)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
-    """target = min(target, source + gap)."""
-    for k in range(len(target)):
-        candidate = source[k] + gap
-        target[k] = candidate if candidate < target[k] else target[k]
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, fastmath={"nnan", "nsz", "reassoc"})
+def _most_above(line: Field, other: Field) -> float:
+    """By how much another line is above one at most."""
+    most = np.float32(0.0)
+    for k in range(len(line)):  # many at once
+        above = other[k] - line[k]
+        most = above if above > most else most
+    return float(most)
 
 
 @njit(cache=True, nogil=True)
@@ -261,7 +249,9 @@ def _put_levels(
     exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
-    line = np.full(_TILE * tiles, _level_of(farthest, np.float32(per_metre)), np.uint8)
+    scale, greatest = np.float32(per_metre), np.float32(_LEVELS)
+    far = np.uint8(min(math.sqrt(farthest) * scale, greatest))
+    line = np.full(_TILE * tiles, far, np.uint8)
     line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
     apart = np.full((3, _SCATTERED), np.inf)
@@ -277,27 +267,16 @@ def _put_levels(
         if done >= 0:
             near = exact[done % 5]
             for y in range(ny):
-                _finish_line(squared[done, y], near[y, 2:], np.float32(per_metre), line)
+                # the root of each, no less than what is exact nearby, rounded down
+                for z in range(nz):
+                    value = max(squared[done, y, z], near[y, 2 + z])
+                    line[z] = np.uint8(min(math.sqrt(value) * scale, greatest))
                 # its line of levels goes into the tiles, four cells at a time
                 column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
             # emptied for the plane that takes its place
             near[:] = beyond
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _finish_line(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
-    """The root of each squared distance, which is at least `least`, rounded down to a level."""
-    for k in range(len(squared)):
-        value = least[k] if squared[k] < least[k] else squared[k]
-        levels[k] = _level_of(value, per_metre)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _level_of(squared: np.float32, per_metre: np.float32) -> np.uint8:
-    """The root, rounded down to a level."""
-    return np.uint8(min(math.sqrt(squared) * per_metre, np.float32(_LEVELS)))
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

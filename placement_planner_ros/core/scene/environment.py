@@ -12,16 +12,10 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
-from placement_planner_ros.core.scene.cloud import (
-    AROUND_M,
-    checked_bounds,
-    checked_cloud,
-    cropped,
-    finite_extent,
-    thinned,
-)
+from placement_planner_ros.core.scene.cloud import AROUND_M, crop_cloud
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
 from placement_planner_ros.core.scene.compartment import has_unseen_ceiling
+from placement_planner_ros.core.scene.freespace import OutsideRobot, SeenSpace, View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.layers import SlopeCloud
@@ -31,10 +25,9 @@ from placement_planner_ros.core.scene.regions import (
     Region,
     RegionSettings,
     largest_regions,
-    regions_of_layer,
+    regions_of_layers,
 )
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.visibility import OutsideRobot, SeenSpace, View
 from placement_planner_ros.core.scene.walls import Wall, find_walls
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
@@ -275,7 +268,7 @@ class Environment:
             regions: RegionSettings() unless given.
             bounds: lower and upper corner of the workspace, points outside of which are left out;
                 around the points and V unless given.
-            sights: what sensors at known places measured, see `visibility`; their lines of sight
+            sights: what sensors at known places measured, see `freespace`; their lines of sight
                 prove gaps in surfaces, see `support_sights`.
             beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
                 paper's definition.
@@ -286,20 +279,13 @@ class Environment:
         """
         grid, regions = grid or GridSettings(), regions or RegionSettings()
         require_room(volume, grid.cell_size)
-        cloud = checked_cloud(points)
-        count, extent = finite_extent(cloud)
-        if bounds is None:  # around the points alone, a level surface had no room above
-            bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
-        reach = checked_bounds(bounds)
-        # with two cells around all points
-        held = cropped(*reach, cloud, 2.0 * grid.cell_size) or (volume.lower, volume.upper)
-        cloud = cloud[thinned(cloud, grid.cell_size, *held)]
+        cloud = crop_cloud(points, bounds, (volume.lower, volume.upper), grid.cell_size)
         step("making the obstacle set of the clouds")
-        measured = ObstacleSet.from_points(cloud, grid, held)
+        measured = ObstacleSet.of_cloud(cloud.points, grid, *cloud.held)
         step("finding placement regions")
         around = volume.lower - CAP, volume.upper + CAP
         seen = tuple(view.towards(*around, grid.cell_size) for view in sights)
-        planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
+        planes = Planes.of(measured, volume, regions)
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []
         beyond = CAP if beyond_volume else 0.0
@@ -314,13 +300,13 @@ class Environment:
             support,
             measured,
             volume,
-            count,
-            extent,
+            cloud.finite,
+            cloud.extent,
             beyond_volume,
             tuple(inclines),
             planes.steep,
             regions.max_slope,
-            seen_space=SeenSpace.around(measured, seen, volume, *reach) if seen else None,
+            seen_space=SeenSpace.around(measured, seen, volume, *cloud.reach) if seen else None,
         )
 
 
@@ -352,14 +338,11 @@ def find_regions(
     """
     settings = settings or RegionSettings()
     if planes is None:
-        planes = Planes.of(measured, volume, settings.headroom, settings.max_slope)
-    tops = planes.tops(slope, settings.height_tolerance)
+        planes = Planes.of(measured, volume, settings)
+    tops = planes.tops[slope]
     size, noise = measured.cell_size, measured.noise
     cloud = SlopeCloud(measured.points, volume, slope, tops, size, noise, sights)
-    support = SupportMap(cloud)
-    found = []
-    for height in support.heights(volume, measured.cell_size, settings.height_tolerance):
-        layer = support.layer(height, CONTACT_TOLERANCE_M)
-        if layer is not None:
-            found += regions_of_layer(layer, height, support.trim, slope, volume, settings)
-    return largest_regions(found, settings), support
+    support, layers = SupportMap.of_surfaces(
+        cloud, measured.cell_size, settings.height_tolerance, CONTACT_TOLERANCE_M
+    )
+    return regions_of_layers(layers, support.trim, slope, volume, settings), support

@@ -2,7 +2,7 @@
 
 At an edge a camera mixes what is nearer with what is farther, and now and then a pixel fails; both
 leave points somewhere along a line of sight. What is really there is seen by several pixels. So a
-point stays if it is of a *piece*, of pixels that are each beside another and at about its range; or
+point stays if it is of a *piece*, beside two others at about its range; or
 if a line through two pixels that stay, one behind the other, leads on to it, as on what is seen too
 steeply to be of one range; or if the pixels around it saw little else: nothing contradicts it.
 
@@ -20,36 +20,29 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.scene.cloud import SAMPLES, SURE_NOISES
+from placement_planner_ros.core.scene.freespace import BINS
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
 
-PIECE_PIXELS = 4
+PIECE_PIXELS = 3
 """Pixels of the smallest piece."""
 BESIDE_PIXELS = 1.6
 """Pixels between two that are beside each other: the 8 neighbours."""
-STRAIGHT_PIXELS = 0.6
-"""Pixels by which a line may fail to be straight."""
-STEEPEST = 10.0
-"""Spacings by which the range may change along it from pixel to pixel: 6° to the surface."""
+STEEPEST = 1.0 / math.tan(math.radians(6.0))
+"""Spacings by which the range may change from pixel to pixel along a line that is seen at 6°."""
 WINDOW_PIXELS, CONTRADICTING_PIXELS = 3.5, 12
 """A point goes only where, of the 36 pixels that are so near, so many saw something else."""
-SURE_NOISES = 4.5
-"""Standard deviations of the noise along a ray by which points beside each other may differ, a
-spacing at least."""
 MOST_FLYING = 0.3
 """Were more than this share to go, the cloud is not what one sensor saw from there: none goes."""
 CROWDED_SHARE = 0.05
 """Nor where more than this share have another point in their very direction."""
-SAMPLED_POINTS = 1500
-"""Points looked at for what is estimated of a cloud."""
-TILES = 256
+TILES = 2 * BINS
 """Tiles of directions along each side of the disc's square, 0.9° each. A sensor that sees fewer
 points in a tile than are of a piece is too coarse to tell."""
-LEAST_COSINE = 0.3
-"""To the middle of the view, below which directions are too distorted: nothing is dropped."""
 
 
 class SeenPixels(NamedTuple):
@@ -96,7 +89,7 @@ def flying_among(points: Array, sensor: Array, rows: Rows) -> Mask:
         rows: (k,) of the points.
     """
     sample, asked = np.zeros((2, len(points)), np.bool_)
-    sample[:: max(1, len(points) // SAMPLED_POINTS)] = True
+    sample[:: max(1, len(points) // SAMPLES)] = True
     asked[rows] = True
     return _flying_of_sample(points, sensor, asked | sample, sample)[rows]
 
@@ -111,7 +104,7 @@ def _flying_of_sample(points: Array, sensor: Array, asked: Mask, sample: Mask) -
     # the neighbours of a point lie in so many bins, each of no more points than the fullest
     bins = (int(4.0 * WINDOW_PIXELS / BESIDE_PIXELS) + 2) ** 2
     room = np.empty(bins * int(np.diff(seen.start, axis=1).max()), np.int64)
-    residuals, crowded = _line_residuals(seen, max(1, len(seen.row) // SAMPLED_POINTS), room)
+    residuals, crowded = _line_residuals(seen, max(1, len(seen.row) // SAMPLES), room)
     if not len(residuals) or crowded > CROWDED_SHARE:
         return gone
     # Of a normal distribution 70 % are within 1.036 deviations; 2 a - b - c varies by 6 times more.
@@ -125,7 +118,7 @@ def _flying_of_sample(points: Array, sensor: Array, asked: Mask, sample: Mask) -
 
 def _seen_pixels(points: Array, sensor: Array) -> SeenPixels | None:
     """None where there is too little in view to tell neighbours."""
-    some = points[:: max(1, len(points) // SAMPLED_POINTS)] - sensor
+    some = points[:: max(1, len(points) // SAMPLES)] - sensor
     length = np.linalg.norm(some, axis=1)
     seen = np.isfinite(length) & (length > 0.0)
     middle = (some[seen] / length[seen, None]).sum(axis=0)
@@ -165,9 +158,9 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
         r = math.sqrt(x * x + y * y + z * z)
         if not 0.0 < r < math.inf:  # also where a coordinate is NaN
             continue
-        # not too far from the middle of the view
+        # further than 60° from the middle of the view all stays: directions are distorted there
         cosine = (frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z) / r
-        if cosine < LEAST_COSINE:
+        if cosine < 0.5:
             continue
         # its place on the disc, and the tile that it lies in
         scale = math.sqrt(2.0 / (1.0 + cosine)) / r
@@ -222,10 +215,10 @@ def _off_line(seen: SeenPixels, p: int, q: int, o: int) -> float:
 
     Infinite where q is not in the middle between p and o, or too steeply seen.
     """
-    # from p to q, and how far o is from twice that
+    # from p to q, and how far o is from twice that, which is straight to half a pixel
     u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
     s, t = seen.at[o, 0] - seen.at[p, 0] - 2.0 * u, seen.at[o, 1] - seen.at[p, 1] - 2.0 * v
-    if s * s + t * t > STRAIGHT_PIXELS * STRAIGHT_PIXELS:
+    if s * s + t * t > 0.5 * 0.5:
         return math.inf
     # metres from p to q across the line of sight
     aside = math.sqrt(u * u + v * v) * seen.pitch * seen.range[p]
@@ -244,9 +237,9 @@ def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, f
     k = asked = crowded = 0
     for p in range(0, len(seen.row), stride):
         asked += 1
-        crowded += _pixels_around(seen, p, 0.5 * STRAIGHT_PIXELS, near) > 0
+        crowded += _pixels_around(seen, p, 0.5 * 0.5, near) > 0
         # the first line found, over one of the 8 neighbours
-        count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + STRAIGHT_PIXELS, near)
+        count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + 0.5, near)
         off = math.inf
         for q in near[:count]:
             u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
@@ -262,46 +255,24 @@ def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, f
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _in_piece(seen: SeenPixels, p: int, tolerance: float, piece: Rows) -> bool:
-    """Whether point p is of a piece whose neighbours differ in range by no more than that.
-
-    Args:
-        piece: (`PIECE_PIXELS`,) room for its points.
-    """
-    nx, ny = seen.start.shape[0], seen.start.shape[1] - 1
-    piece[0] = p
-    count, done = 1, 0
-    while done < count:
-        # what is beside the next of those found
-        m = piece[done]
-        done += 1
-        a, b, r = seen.at[m, 0], seen.at[m, 1], seen.range[m]
-        row, column = int(a / BESIDE_PIXELS), int(b / BESIDE_PIXELS)
-        j0, j1 = max(column - 1, 0), min(column + 2, ny)
-        for i in range(max(row - 1, 0), min(row + 2, nx)):
-            for q in range(seen.start[i, j0], seen.start[i, j1]):
-                u, v = seen.at[q, 0] - a, seen.at[q, 1] - b
-                if (
-                    abs(seen.range[q] - r) > tolerance
-                    or u * u + v * v > BESIDE_PIXELS * BESIDE_PIXELS
-                ):
-                    continue
-                # one more of the piece, unless it is in it already
-                known = False
-                for n in range(count):
-                    known = known or piece[n] == q
-                if not known:
-                    piece[count] = q
-                    count += 1
-                    if count == PIECE_PIXELS:
-                        return True
+def _in_piece(seen: SeenPixels, p: int, tolerance: float, near: Rows) -> bool:
+    """Whether point p is of a piece of `PIECE_PIXELS`, each beside one that is about as far."""
+    m = p
+    for _ in range(2):  # what is beside the point, then what is beside the only one there
+        alike, other = 0, p
+        for q in near[: _pixels_around(seen, m, BESIDE_PIXELS, near)]:
+            if abs(seen.range[q] - seen.range[m]) <= tolerance:
+                alike, other = alike + 1, q
+        if alike + 1 >= PIECE_PIXELS:
+            return True
+        m = other
     return False
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> bool:
     """Whether a line through two points that stay, one behind the other, leads to point p."""
-    count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + STRAIGHT_PIXELS, near)
+    count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + 0.5, near)
     for i in range(count):
         q = near[i]
         # over one of the 8 neighbours that stays
@@ -329,11 +300,10 @@ def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows)
         least: m by which points beside each other may differ, a spacing at least.
     """
     n = len(seen.row)
-    piece = np.empty(PIECE_PIXELS, np.int64)
     doubtful, count = np.empty(n, np.int64), 0
     for p in range(n):
         tolerance = max(least, seen.pitch * seen.range[p])
-        if not asked[p] or _in_piece(seen, p, tolerance, piece):
+        if not asked[p] or _in_piece(seen, p, tolerance, near):
             continue
         # what the pixels around it saw instead
         others = 0

@@ -15,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene import denoising
 from placement_planner_ros.core.scene.cells import (
     Bins,
+    CellBoxes,
     boxes_of_cells,
     close_gaps,
     sort_into_cells,
 )
 from placement_planner_ros.core.scene.cloud import checked_bounds, checked_cloud, finite_extent
+from placement_planner_ros.core.scene.denoising import without_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
@@ -33,6 +34,8 @@ _ORIGIN_SHIFT = 0.03
 """Cells begin this share of a cell before whole multiples of their size, so that a surface at a
 round height does not fall onto a face between two layers, where rounding would scatter its points
 over both."""
+SKIN_M = 0.0005
+"""m that heights within a level surface differ by where nothing is noisy."""
 ROUNDING = 1e-6
 """m, cells, and parts of a whole: more than what single precision loses."""
 
@@ -144,37 +147,43 @@ class ObstacleSet:
             CloudError: not (n, 3), no finite point among those given, no points and no bounds, or
                 a grid of more than `max_cells`.
         """
-        settings = settings or GridSettings()
-        cloud = checked_cloud(points)
-        lower, upper = _cloud_corners(cloud) if bounds is None else checked_bounds(bounds)
-        origin = lattice_corner(lower, settings.cell_size)
-        shape = _grid_shape(origin, upper, settings)
-        bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
-        noise = 0.0
-        if len(bins.cells):
-            bins, noise = _cleaned_bins(bins, origin, settings, shape, lower, upper)
-        return cls._of(bins, origin, shape, settings, noise)
+        settings, cloud = settings or GridSettings(), checked_cloud(points)
+        if bounds is not None:
+            return cls.of_cloud(cloud, settings, *checked_bounds(bounds))
+        count, corners = finite_extent(cloud)
+        if count == 0:
+            raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
+        return cls.of_cloud(cloud, settings, corners[0], corners[1])
 
     @classmethod
-    def _of(
-        cls,
-        bins: Bins,
-        origin: Array,
-        shape: tuple[int, int, int],
-        settings: GridSettings,
-        noise: float,
+    def of_cloud(
+        cls, cloud: Array, settings: GridSettings, lower: Array, upper: Array
     ) -> ObstacleSet:
-        """Box points that are as they shall be taken."""
+        """`from_points` of what has been checked."""
+        size, origin = settings.cell_size, lattice_corner(lower, settings.cell_size)
+        shape = _grid_shape(origin, upper, settings)
+
+        def sort(points: Array) -> Bins:
+            number_at = np.zeros(shape, np.int32)
+            found = sort_into_cells(points, origin, size, lower, upper, number_at)
+            return Bins(*found, number_at)
+
+        bins, noise = sort(cloud), 0.0
+        if len(bins.cells):
+            clean, noise = without_noise(
+                bins, origin, size, settings.noise_floor, settings.min_points, (lower, upper)
+            )
+            bins = bins if clean is None else sort(clean)
         skin = surface_tolerance(noise)
-        boxes = boxes_of_cells(bins, skin, settings.max_boxes_per_cell)
-        lower, upper = close_gaps(boxes, bins.number_at, origin, settings.cell_size, skin)
+        boxes = CellBoxes(*boxes_of_cells(bins, skin, settings.max_boxes_per_cell))
+        low, high = close_gaps(boxes, bins.number_at, origin, size, skin)
         return cls(
             origin=frozen_array(origin, (3,)),
-            cell_size=settings.cell_size,
+            cell_size=size,
             shape=shape,
             cells=_read_only(boxes.cells),
-            lower=_read_only(lower),
-            upper=_read_only(upper),
+            lower=_read_only(low),
+            upper=_read_only(high),
             number_at=_read_only(bins.number_at),
             next=_read_only(boxes.next),
             first_point=_read_only(boxes.first_point),
@@ -319,20 +328,13 @@ def lattice_corner(lower: Array, cell_size: float) -> Array:
 
 
 def surface_tolerance(noise: float) -> float:
-    """Height differences within one level surface, metres: 0.5 mm, more on noisy clouds."""
-    return max(0.0005, min(0.5 * noise, 0.002))
+    """Height differences within one level surface, metres: a skin, four of them in much noise."""
+    return float(np.clip(0.5 * noise, SKIN_M, 2.0 * 2.0 * SKIN_M))
 
 
 def _read_only(array: _AnyArray) -> _AnyArray:
     array.setflags(write=False)
     return array
-
-
-def _cloud_corners(cloud: Array) -> tuple[Array, Array]:
-    count, corners = finite_extent(cloud)
-    if count == 0:
-        raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
-    return corners[0], corners[1]
 
 
 def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[int, int, int]:
@@ -346,31 +348,3 @@ def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[in
             "bring target_volume nearer to the robot, or set a larger cell size",
         )
     return int(sides[0]), int(sides[1]), int(sides[2])
-
-
-def _cleaned_bins(
-    bins: Bins,
-    origin: Array,
-    settings: GridSettings,
-    shape: tuple[int, int, int],
-    lower: Array,
-    upper: Array,
-) -> tuple[Bins, float]:
-    """Drop flying pixels and, in a noisy cloud, project the points; these and the noise, metres."""
-    size = settings.cell_size
-    counts = np.diff(bins.start)
-    # in a sparse cloud no point counts as lone
-    min_points = settings.min_points if np.median(counts) >= 4 else 0
-    noise = denoising.estimate_noise(bins, origin, size)
-    if noise > settings.noise_floor:
-        # the second time from planes that the first has made sharper
-        for few in (0, min_points):
-            points = denoising.project_points(bins, origin, size, noise, few, (lower, upper))
-            bins = bins._replace(points=points)
-        return sort_into_cells(points, origin, size, shape, lower, upper), noise
-    if min_points > 1:
-        lone = denoising.lone_cells(bins, counts, min_points)
-        if lone.any():
-            points = bins.points[np.repeat(~lone, counts)]
-            bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    return bins, 0.0

@@ -14,54 +14,49 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.ndimage import label, map_coordinates, maximum_filter
 
-from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
+from placement_planner_ros.core.scene.cloud import AROUND_M, STEP_M, SURE_NOISES
+from placement_planner_ros.core.scene.freespace import View
+from placement_planner_ros.core.scene.grid import ROUNDING
 from placement_planner_ros.core.scene.rasters import (
+    AREA_PER_POINT,
+    GROWTH,
+    MOST_PIXELS,
+    SURE_COUNT,
     TILE_M,
+    WIDEST,
     Field,
+    Index,
     Mask,
-    Raster,
-    Rows,
-    chance_radius,
-    pixel_means,
+    hand_on_nearest,
     pixel_sums,
     widest_empty_disc,
     window_sums,
 )
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Slope, TargetVolume
 
 LAYER_STEP_M = 0.001
 """m between the heights of layers: what is looked up is so at the nearest of them."""
-RISE_FROM_M, RISE_TO_M = 0.005, 0.010
-"""m above a layer between which points show that something stands there."""
-SCATTER_NOISES = 1.5
-"""Standard deviations of the noise that points are off their surface by at most, once smoothed."""
-NOISY = 1.3
-"""Times as wide are discs that chance explains where noise moves points sideways."""
-PASSED_M, PASSED_NOISES = 0.005, 6.0
-"""m, and standard deviations of the noise more, below a layer from which on a ray has passed it."""
+PASSED_NOISES = 1.5 * SURE_NOISES
+"""Standard deviations of the noise by which a ray that has passed a layer ends below it, and
+`STEP_M` more: both its end and the layer are noisy."""
 PIXEL_M = 0.001, 0.0025
 """m, sides of the finest and of the coarsest pixels."""
-FINEST_PIXELS = 60_000
-"""Pixels of a layer up to which they are as fine as the spacing of its points asks for."""
 NARROWEST_M, WIDEST_M = 0.002, 0.016
 """m, radii of the narrowest and of the widest disc without points that chance may explain."""
 HOLE_M = 0.004
 """m, radius of the widest one where no rays tell: through what is wider a leg falls."""
-SURE_RAYS = 12
-"""Rays that ended about a place on the surface for each that passed it, to tell that it is whole:
-if a quarter of it were open, three in a hundred times that many would by chance."""
+CORNER = math.sqrt(2.0) - 1.0
+"""Share of a disc's radius by which the corner of a square around it is deep."""
 TOP_WINDOW_M, FEWEST_ON_TOP = 0.01, 4
 """m, side of the square, and how many noisy points in it, whose mean is the top of something."""
-SHEET_M = 0.0015
-"""m below the highest point beside it from which on a point is not of the surface's top."""
 
 
 class Layer(NamedTuple):
@@ -87,11 +82,14 @@ class Layer(NamedTuple):
     """Share of the surface that is lost to holes wider than `HOLE_M`, which may be chance."""
 
 
+@dataclass(frozen=True, eq=False)
 class SlopeCloud:
     """Points in and around V in heights above a plane, and the rays that they were seen by.
 
-    Args:
+    Attributes:
         points: (n, 3) in the world, metres.
+        volume: V.
+        slope: of the plane.
         tops: (k, 3) x, y and height of pieces of surface as large as a cell, with headroom: only
             what lies around these is surface.
         cell_size: metres.
@@ -99,41 +97,31 @@ class SlopeCloud:
         sights: what sensors at known places measured, not smoothed.
     """
 
-    def __init__(
-        self,
-        points: npt.NDArray[np.floating],
-        volume: TargetVolume,
-        slope: Slope,
-        tops: Array,
-        cell_size: float,
-        noise: float,
-        sights: Sequence[View] = (),
-    ) -> None:
-        self.tops, self.cell_size = tops, cell_size
-        self.slope, self.noise = slope, noise
-        # no further below and above surfaces than anything is looked for there
-        self._low = float(np.min(tops[:, 2], initial=np.inf)) - CLEAR_M
-        high = float(np.max(tops[:, 2], initial=-np.inf)) + CLEAR_M
-        steps = max(int((high - self._low) / LAYER_STEP_M) + 1, 0) if len(tops) else 0
-        around = np.array([volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M])
-        self._points, self._heights, self._start = _sorted_by_height(
-            points, slope, around, self._low, steps
-        )
-        self._sights = [_Sight(view, slope) for view in sights]
+    points: npt.NDArray[np.floating]
+    volume: TargetVolume
+    slope: Slope
+    tops: Array
+    cell_size: float
+    noise: float
+    sights: Sequence[View] = ()
 
-    def between(self, low: float, high: float, columns: Mask, corner: Array) -> tuple[Array, Array]:
-        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`.
+    @cached_property
+    def _around(self) -> tuple[Array, Array]:
+        """x and y (n, 2) and heights (n,) of the points around V."""
+        low, high = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
+        rows = np.flatnonzero(_within(self.points, low, high))
+        x, y, z = self.points.take(rows, axis=0).T.astype(np.float64, order="C")
+        return np.column_stack([x, y]), z - self.slope[0] * x - self.slope[1] * y
 
-        Args:
-            columns: (cx, cy) of cells from `corner` (2,) on, the only ones to look at; all if none.
-        """
-        first, last = (
-            min(max(int((z - self._low) / LAYER_STEP_M) + k, 0), len(self._start) - 1)
-            for k, z in enumerate((low, high))
-        )
-        rows = slice(self._start[first], self._start[last])
-        found = self._points[rows], self._heights[rows]
-        return _points_between(*found, (low, high), columns, corner, self.cell_size)
+    @cached_property
+    def _rays(self) -> list[_Sight]:
+        return [_Sight(view, self.slope) for view in self.sights]
+
+    def between(self, low: float, high: float) -> tuple[Array, Array]:
+        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
+        points, heights = self._around
+        rows = np.flatnonzero((heights > low) & (heights <= high))
+        return points.take(rows, axis=0), heights.take(rows)
 
     def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
         """`between` of the points no more than `band` from a height, in the columns of tops no more
@@ -147,19 +135,19 @@ class SlopeCloud:
         columns = np.zeros(cells.max(axis=0) + 3, np.bool_)
         columns[tuple(cells.T)] = True
         columns = maximum_filter(columns, 3)
-        return *self.between(height - band, height + band, columns, corner), len(near)
-
-    def over(self, low: float, high: float) -> Array:
-        """(n, 2) x and y of all points higher than `low` and no higher than `high`."""
-        return self.between(low, high, np.zeros((0, 0), np.bool_), np.zeros(2))[0]
+        points, heights = self.between(height - band, height + band)
+        at = (points - corner) / self.cell_size
+        rows = np.flatnonzero(_within(at, np.zeros(2), np.array(columns.shape)))
+        rows = rows[columns[tuple(at[rows].astype(np.int64).T)]]
+        return points[rows], heights[rows], len(near)
 
     def rays(self, height: float, band: float) -> tuple[Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
         well below passed it."""
-        below = height - PASSED_M - PASSED_NOISES * self.noise
+        below = height - STEP_M - PASSED_NOISES * self.noise
         none = np.zeros((0, 2))
-        ended = [sight.ended(height - band, height + band) for sight in self._sights]
-        passed = [sight.passed(height, below) for sight in self._sights]
+        ended = [sight.ended(height - band, height + band) for sight in self._rays]
+        passed = [sight.passed(height, below) for sight in self._rays]
         return np.concatenate([none, *ended]), np.concatenate([none, *passed])
 
 
@@ -192,141 +180,138 @@ class _Sight:
 def _with_corners(gap: Field, narrow: float) -> Field:
     """Discs of gaps, those of holes grown so that they reach into their corners.
 
-    What discs leave closed of a corner between two wires is deep by (√2 - 1) times their radius,
+    What discs leave closed of a corner between two wires is deep by `CORNER` times their radius,
     which of wide holes counts as that of a disc of `narrow`. What reaches the rim of the
     raster is no hole.
     """
     # gaps that do not reach the rim of the raster are holes
     labels, _ = label(gap > 0.0, structure=np.ones((3, 3)))
-    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    hole = (labels > 0) & ~np.isin(labels, rim)
-    deep = np.float32(np.sqrt(2.0) - 1.0) * np.minimum(gap, np.float32(narrow))
-    return np.where(hole, gap + deep, gap)
+    hole = np.arange(labels.max() + 1) > 0
+    for rim in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        hole[rim] = False
+    deep = np.float32(CORNER) * np.minimum(gap, np.float32(narrow))
+    return np.where(hole[labels], gap + deep, gap)
 
 
-@njit(cache=True, nogil=True)
-def _sorted_by_height(
-    points: npt.NDArray[np.float32], slope: Slope, around: Array, low: float, steps: int
-) -> tuple[Array, Array, Rows]:
-    """A counting sort by height above a plane, in steps of `LAYER_STEP_M` from `low` on.
+class Raster:
+    """A grid of pixels around points, which are in metres until `at` has them in pixels.
 
     Args:
-        points: (n, 3), of which those between the corners `around` (2, 2) are kept.
-
-    Returns:
-        (k, 2) x and y, (k,) heights, and (steps + 1,) where each step begins.
+        low, high: (2,) corners of the points, m.
+        pixel: side of a pixel, metres.
+        rim: m around the points.
     """
-    start = np.zeros(steps + 1, np.int64)
-    step_of = np.full(len(points), -1, np.int64)
-    # how many there are of each step
-    for p in range(len(points)):
-        x, y = float(points[p, 0]), float(points[p, 1])
-        if around[0, 0] <= x < around[1, 0] and around[0, 1] <= y < around[1, 1]:
-            height = float(points[p, 2]) - slope[0] * x - slope[1] * y
-            step = math.floor((height - low) / LAYER_STEP_M)
-            if 0 <= step < steps:
-                step_of[p] = step
-                start[step + 1] += 1
-    # where each step begins
-    for step in range(steps):
-        start[step + 1] += start[step]
-    # each behind those of its step that are already there
-    fill = start.copy()
-    at, heights = np.empty((start[steps], 2)), np.empty(start[steps])
-    for p in range(len(points)):
-        if step_of[p] >= 0:
-            row = fill[step_of[p]]
-            fill[step_of[p]] += 1
-            x, y = float(points[p, 0]), float(points[p, 1])
-            at[row, 0], at[row, 1] = x, y
-            heights[row] = float(points[p, 2]) - slope[0] * x - slope[1] * y
-    return at, heights, start
+
+    def __init__(self, low: Array, high: Array, pixel: float, rim: float) -> None:
+        self.pixel = pixel
+        self.origin = low - rim
+        shape = np.ceil((high + rim - self.origin) / pixel).astype(int) + 1
+        self.shape = (int(shape[0]), int(shape[1]))
+
+    def counts(self, points: Array) -> Array:
+        """`pixel_sums` of x and y, in pixels, of those points (k, 2), m, that are on the raster."""
+        at = (points - self.origin) / self.pixel
+        at = at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
+        return pixel_sums(at, at, self.shape)
+
+    def width(self, side: float) -> int:
+        """Pixels, an odd number, along a square of that side, metres, or a little less."""
+        return 2 * int(0.5 * side / self.pixel) + 1
+
+    def nearest(self, discs: Array) -> tuple[Field, Index]:
+        """(nx, ny) pixels to the nearest of points (n, 2), or of discs (n, 3) of those middles and
+        radii, negative within; and which that is, or -1."""
+        near = np.full(self.shape, np.float32(sum(self.shape)))
+        who = np.full(self.shape, np.int32(-1))
+        elements = np.zeros((len(discs), 4))
+        elements[:, :2] = discs[:, :2]
+        if discs.shape[1] > 2:
+            elements[:, 3] = discs[:, 2]
+        hand_on_nearest(elements, np.arange(len(discs)), near, who)
+        return near, who
 
 
-@njit(cache=True, nogil=True)
-def _points_between(
-    points: Array,
-    heights: Array,
-    span: tuple[float, float],
-    columns: Mask,
-    corner: Array,
-    size: float,
-) -> tuple[Array, Array]:
-    """`SlopeCloud.between` of points (n, 2) and heights (n,)."""
-    at, kept = np.empty_like(points), np.empty_like(heights)
-    count = 0
-    for p in range(len(points)):
-        if not span[0] < heights[p] <= span[1]:
-            continue
-        # only in the columns asked for
-        x, y = points[p, 0], points[p, 1]
-        if columns.size:
-            i, j = math.floor((x - corner[0]) / size), math.floor((y - corner[1]) / size)
-            if not (0 <= i < columns.shape[0] and 0 <= j < columns.shape[1] and columns[i, j]):
-                continue
-        at[count, 0], at[count, 1], kept[count] = x, y, heights[p]
-        count += 1
-    return at[:count].copy(), kept[:count].copy()
+def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> Mask:
+    """(n,) which points (n, 2 or 3) lie between two corners, the upper one left out."""
+    x, y = points[:, 0], points[:, 1]
+    return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
 
 
-def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | None:
-    """The layer at a height; None where nothing was measured there.
+def _pixel_means(sums: Array) -> Array:
+    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
+    held = sums[0] > 0.0
+    return np.column_stack([sums[1][held], sums[2][held]]) / sums[0][held][:, None]
+
+
+def make_layers(
+    cloud: SlopeCloud, heights: Sequence[float], tolerance: float
+) -> list[Layer | None]:
+    """The layer at each height; None where nothing was measured there.
 
     Args:
         tolerance: m by which what carries may be above or below.
     """
+    return [_make_layer(cloud, height, tolerance) for height in heights]
+
+
+def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | None:
     noise = cloud.noise
-    # how far off the height points may be, and tops, with their noise
-    band = tolerance + 0.5 * LAYER_STEP_M + SCATTER_NOISES * noise
+    # how far off the height points may be, and tops, with the noise that is left in them
+    band = tolerance + 0.5 * LAYER_STEP_M + noise
     reach = tolerance + 0.5 * LAYER_STEP_M + 0.5 * noise
     on, heights, tops = cloud.on_surface(height, reach, band)
     if len(on) == 0:
         return None
     # what rises from there, above the band
-    rise_from = max(band, RISE_FROM_M)
-    over = cloud.over(height + rise_from, height + rise_from + RISE_TO_M - RISE_FROM_M)
+    rise_from = height + max(band, STEP_M)
+    over = cloud.between(rise_from, rise_from + STEP_M)[0]
     # about how far points are apart, and pixels that suit that
     spacing = cloud.cell_size * math.sqrt(tops / len(on))
     low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
     at = (on - raster.origin) / pixel
-    measured, things = pixel_sums(at, heights, raster.shape), raster.counts(over)
+    measured = pixel_sums(at, np.column_stack([at, heights]), raster.shape)
+    things = raster.counts(over)
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
     foot = max(1, round((spacing + noise) / pixel))
     if rises.any():
         risen = maximum_filter(rises, 2 * foot + 1)
-    to_point, who = raster.nearest(np.vstack([pixel_means(measured), pixel_means(things)]))
+    to_point, who = raster.nearest(np.vstack([_pixel_means(measured), _pixel_means(things)]))
     of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
     # gaps that are wider than chance explains, as discs around their pixels
     ended, passed = cloud.rays(height, band)
     # a sensor that saw nothing below tells nothing of holes
-    ended = ended if len(passed) >= SURE_RAYS else ended[:0]
+    ended = ended if len(passed) >= SURE_COUNT else ended[:0]
     ends, passes = raster.counts(ended), raster.counts(passed)
-    times = NOISY if noise > 0.0 else 1.0
-    widest, chance = _chance_discs(raster, to_point, measured[0], times)
+    widest, chance = _chance_discs(raster, to_point, measured[0])
     whole, hole = _whole_surface(raster, ends[0], passes[0]), HOLE_M / pixel
     radius = np.where(whole, chance, np.minimum(chance, hole))
     closed = widest <= chance
     sparse = float((widest[closed & ~whole] > hole).sum() / max(int(closed.sum()), 1))
     gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), hole)
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = pixel_means(passes)
+    rays = _pixel_means(passes)
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
     opened = np.maximum(0.5 * away, np.minimum(away, 0.75))
     discs = np.vstack([_pixel_discs(gap), np.column_stack([rays, opened])])
     i, j = (discs[:, :2] + 0.5).astype(np.int64).T
-    # gaps behind things are no ends
-    behind = of_thing[i, j]
-    from_end = raster.nearest(discs[~behind])[0]
-    inside = np.minimum(from_end, raster.nearest(discs[behind], max(hole, 2.0))[0])
+    # gaps behind things are no ends, and carry nothing, nor do the pixels beside them
+    from_end = raster.nearest(discs[~of_thing[i, j]])[0]
+    gaps = widest > radius
+    gaps[i, j] = True
+    beside = maximum_filter(gaps & of_thing, 2 * math.ceil(CORNER * hole) + 1)
+    inside = np.where(beside, np.minimum(from_end, np.float32(-1.0)), from_end)
     averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
     # of the points, those of the surface's top, and none of things' feet if there are others
-    least = maximum_filter(measured[4], 3) - SHEET_M - 2.0 * noise
-    sums = _sums_from(at, heights, np.where(risen, np.inf, least), height)
-    if not sums[0].any():
-        sums = _sums_from(at, heights, least, height)
+    least = maximum_filter(measured[4], 3) - 0.5 * tolerance - 2.0 * noise
+    of_pixel = tuple((at + 0.5).astype(np.int64).T)
+    upper = heights >= least[of_pixel]
+    beside_things = upper & ~risen[of_pixel]
+    kept = beside_things if beside_things.any() else upper
+    off = heights[kept] - height
+    sums = pixel_sums(at[kept], np.column_stack([off, off**2]), raster.shape)[:3]
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
     surface = _surface_heights(sums, noise, (far, raster.width(averaged))) + np.float32(height)
@@ -346,18 +331,58 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | No
 def _pixel_side(spacing: float, sides: Array) -> float:
     """m: about half of what the points are apart, coarser where the layer is large."""
     area = float((sides + 2.0 * WIDEST_M).prod())
-    return float(np.clip(max(0.5 * spacing, np.sqrt(area / FINEST_PIXELS)), *PIXEL_M))
+    return float(np.clip(max(0.5 * spacing, np.sqrt(area / MOST_PIXELS)), *PIXEL_M))
 
 
-def _chance_discs(
-    raster: Raster, to_point: Field, count: Array, times: float
-) -> tuple[Field, Field]:
+def _chance_discs(raster: Raster, to_point: Field, count: Array) -> tuple[Field, Field]:
     """(nx, ny) pixels: the radius of the widest disc without points that covers each pixel, and of
     the widest that chance may explain."""
     pixel = raster.pixel
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
-    radius = chance_radius(widest * np.float32(pixel), count, pixel, NARROWEST_M, WIDEST_M)
-    return widest, np.minimum(radius * np.float32(times), np.float32(WIDEST_M)) / np.float32(pixel)
+    radius = _chance_radius(widest * np.float32(pixel), count, pixel, NARROWEST_M, WIDEST_M)
+    return widest, radius / np.float32(pixel)
+
+
+def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most: float) -> Field:
+    """(nx, ny) m, the widest disc without points that is no gap, for each pixel of a raster.
+
+    Args:
+        widest: (nx, ny) m, the widest disc without points that covers each pixel.
+        count: (nx, ny) points in each pixel.
+        pixel: side of a pixel, metres.
+        least, most: bounds of what is returned, metres.
+    """
+    side = max(1, round(TILE_M / pixel))
+    (nx, ny), tiles = widest.shape, tuple(-(-n // side) for n in widest.shape)
+    apart = 3  # radii that are tried from one look to the next
+    steps = math.ceil(apart * math.log(most / least) / math.log(GROWTH)) + 1
+    # a pixel is as wide as what holds one point by itself
+    radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
+    # closed area of each tile and those around it, up to each radius
+    step = np.log(np.maximum(widest / np.float32(radii[0]), np.float32(1.0)))
+    step = np.ceil(step * np.float32(apart / math.log(GROWTH)) - np.float32(ROUNDING))
+    step = np.minimum(step.astype(np.int64), len(radii))
+    tile = np.add.outer(np.arange(nx) // side * tiles[1], np.arange(ny) // side)
+    slots = (*tiles, len(radii) + 1)
+    sizes = np.bincount((tile * slots[2] + step).ravel(), minlength=math.prod(slots))
+    discs = sizes.reshape(slots)[..., :-1].astype(np.float64)
+    closed = _tile_sums(discs).cumsum(axis=2) * pixel**2
+    # and how many points there are
+    padded = np.zeros((tiles[0] * side, tiles[1] * side))
+    padded[:nx, :ny] = count
+    number = _tile_sums(padded.reshape(tiles[0], side, tiles[1], side).sum(axis=(1, 3))[..., None])
+    now, later = closed[..., :-apart], closed[..., apart:]
+    stays = (later <= GROWTH * now) & (now >= AREA_PER_POINT * number * radii[: now.shape[2]] ** 2)
+    first = np.where(stays.any(axis=2), stays.argmax(axis=2), now.shape[2] - 1)
+    found = np.where(number[..., 0] >= SURE_COUNT, radii[first] * WIDEST, least)
+    found = np.clip(found, least, most)
+    found = np.repeat(np.repeat(found, side, axis=0), side, axis=1)
+    return found[:nx, :ny].astype(np.float32)
+
+
+def _tile_sums(tiles: Array) -> Array:
+    """(m, n, k) sums over each tile and the eight around it."""
+    return np.moveaxis(window_sums(np.ascontiguousarray(np.moveaxis(tiles, 2, 0)), 3), 0, 2)
 
 
 def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
@@ -365,7 +390,7 @@ def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
     if not ended.any():
         return np.zeros(raster.shape, np.bool_)
     on, through = window_sums(np.stack([ended, passed]), raster.width(3.0 * TILE_M))
-    return np.asarray(on > SURE_RAYS * (through + 1.0) - 0.5)
+    return np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
 
 def _pixel_discs(radius: Field) -> Array:
@@ -374,25 +399,11 @@ def _pixel_discs(radius: Field) -> Array:
     return np.column_stack([i, j, radius[i, j]])
 
 
-@njit(cache=True, nogil=True)
-def _sums_from(at: Array, heights: Array, least: Array, low: float) -> Array:
-    """(3, nx, ny) of each pixel: how many of the points (n, 2), in pixels, and heights (n,) are no
-    lower than `least` (nx, ny), and the sums of their heights above `low` and of the squares."""
-    sums = np.zeros((3, *least.shape))
-    for p in range(len(at)):
-        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
-        if heights[p] >= least[i, j]:
-            off = heights[p] - low
-            sums[0, i, j] += 1.0
-            sums[1, i, j] += off
-            sums[2, i, j] += off * off
-    return sums
-
-
 def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Field:
-    """(nx, ny) m, heights of the surface from `_sums_from`; inf far from all points.
+    """(nx, ny) m, heights of the surface; inf far from all points.
 
     Args:
+        sums: (3, nx, ny) how many points each pixel has, and the sums of their heights and squares.
         widths: pixels along the squares over which heights are averaged, those that hold where
             the second hold no point first.
     """

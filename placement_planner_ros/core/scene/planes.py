@@ -7,6 +7,7 @@ they are level (`ObstacleSet.sheared`). So there is one notion of support, whate
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,10 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
-from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.denoising import PLANE_POINTS
+from placement_planner_ros.core.scene.grid import SKIN_M, ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
+from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -26,25 +29,17 @@ MOST_SLOPES = 4
 UNOWNED, STEEP = -1, -2
 """Of what lies in none of the planes; of what lies in one that is too steep."""
 
-_STEEPEST = 0.36
-"""Slope of the steepest planes that are sought; 20 degrees."""
+_STEEPEST = math.tan(math.radians(20.0))
+"""Slope of the steepest planes that are sought."""
 _REACH = 3
 """Columns around a box whose tops show how the surface slopes there."""
-_FEWEST = 16
+_FEWEST = (_REACH + 1) ** 2
 """Boxes of the smallest plane."""
-_SHEET = 0.001
+_SHEET = 2.0 * SKIN_M
 """m that a sheet counts as thick: a wall goes on in the cell above. What is no further from a
 plane, in a clean cloud, is of it."""
-_ALIKE = 0.0017
-"""Slopes that differ by no more are one, so `max_slope` is kept to that: 0.5 mm over 0.3 m."""
-_TOGETHER = 9.0
-"""Neighbouring boxes whose heights err alike, since points were projected onto common planes."""
-_LEFT = 0.35
-"""Share of the noise that heights of boxes are off by together, after points were projected."""
-MAX_TILT = 0.06
-"""Slope against its plane from which on what goes on so on both sides is not of it."""
-LEVEL_BESIDE = 2
-"""Columns beside a top, of eight, that are as high, at least: a ledge goes on at both ends."""
+_ALIKE = SKIN_M / RegionSettings().max_side
+"""Slopes that differ by no more are one, so `max_slope` is kept to that: a skin over a tile."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +73,8 @@ class Plane:
         """
         off = np.subtract(self.slope, slope)
         effect = float(off @ self.spread @ off)  # m², variance of the heights it makes
-        # three standard deviations
-        explained = (3.0 * self.scatter) ** 2 * _TOGETHER / self.boxes
+        # three standard deviations; three by three boxes, projected onto one plane, err alike
+        explained = (3.0 * 3.0 * self.scatter) ** 2 / self.boxes
         return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
 
     def passes(self, volume: TargetVolume, beside: float) -> bool:
@@ -99,31 +94,19 @@ class Planes:
     Attributes:
         slopes: of those that are not level, that of most surface first.
         steep: planes steeper than `max_slope`, the largest first.
-        obstacles: the boxes.
-        means: (m, 3) of the points on top of each.
-        free: (m,) whether there is headroom above it.
-        owner: (m,) whose plane the top of each box lies in: 0 level, from 1 on `slopes`, or
-            `UNOWNED`, or `STEEP`.
+        tops: by slope, level among them, (k, 3) x, y and height above a plane of that slope of
+            pieces of surface as large as a cell, with headroom: those in planes of it, of level
+            also those in no plane that is known, beside others of about that height.
     """
 
     slopes: tuple[Slope, ...]
     steep: tuple[Plane, ...]
-    obstacles: ObstacleSet
-    means: Array
-    free: npt.NDArray[np.bool_]
-    owner: Index
+    tops: Mapping[Slope, Array]
 
     @classmethod
-    def of(
-        cls, obstacles: ObstacleSet, volume: TargetVolume, headroom: float, max_slope: float
-    ) -> Planes:
-        """Those in and around V.
-
-        Args:
-            headroom: m that are free above a surface.
-            max_slope: rad, steeper ones carry nothing.
-        """
-        found, label, means, free = _find_planes(obstacles, volume, headroom)
+    def of(cls, obstacles: ObstacleSet, volume: TargetVolume, settings: RegionSettings) -> Planes:
+        """Those in and around V."""
+        found, label, means, free = _find_planes(obstacles, volume, settings.headroom)
         slopes: list[Slope] = []
         steep: list[Plane] = []
         owner_of = np.full(len(found) + 1, UNOWNED, np.int64)  # the last stands for none
@@ -133,7 +116,7 @@ class Planes:
             if not plane.tells_apart(LEVEL, skin):
                 owner_of[k] = 0
                 continue
-            if steepness(plane.slope) > max_slope + _ALIKE:
+            if steepness(plane.slope) > settings.max_slope + _ALIKE:
                 owner_of[k] = STEEP
                 steep.append(plane)
                 continue
@@ -145,26 +128,20 @@ class Planes:
             elif len(slopes) < MOST_SLOPES:
                 slopes.append(plane.slope)
                 owner_of[k] = len(slopes)
-        owner = owner_of[label]
-        return cls(tuple(slopes), tuple(steep), obstacles, means, free, owner)
-
-    def tops(self, slope: Slope, tolerance: float) -> Array:
-        """(k, 3) x, y and height above a plane of that slope of the free tops that lie in planes of
-        it, of LEVEL also of those in no plane that is known, beside others of about that height.
-
-        Args:
-            tolerance: m that their heights differ by at most.
-        """
-        owned = self.owner == (0 if slope == LEVEL else 1 + self.slopes.index(slope))
-        if slope == LEVEL:
-            owned |= self.owner == UNOWNED
-        along = self.means.copy()
-        along[:, 2] -= along[:, :2] @ np.array(slope)
-        size, noise = self.obstacles.cell_size, self.obstacles.noise
-        rise = MAX_TILT * size + noise
-        used = owned & self.free
-        beside = _level_beside(self.obstacles.arrays, along[:, 2], used, tolerance, rise)
-        return along[beside >= LEVEL_BESIDE]
+        owner, tops = owner_of[label], {}
+        for number, slope in enumerate((LEVEL, *slopes)):
+            owned = (owner == number) | ((slope == LEVEL) & (owner == UNOWNED))
+            along = means.copy()
+            along[:, 2] -= along[:, :2] @ np.array(slope)
+            beside = _level_beside(
+                obstacles.arrays,
+                along[:, 2],
+                owned & free,
+                settings.height_tolerance,
+                SKIN_M + obstacles.noise,
+            )
+            tops[slope] = along[beside >= 2]  # a ledge goes on at both ends
+        return cls(tuple(slopes), tuple(steep), tops)
 
 
 @njit(cache=True, nogil=True)
@@ -240,7 +217,8 @@ def _find_planes(
     label, moments = _grow_planes(
         obstacles.arrays, means, used, fits, order, max(_SHEET, tolerance)
     )
-    least = _LEFT * obstacles.noise
+    # what is left of the noise where the fewest points make a plane
+    least = obstacles.noise / math.sqrt(PLANE_POINTS)
     found = [_plane_of(row, obstacles.cell_size, least) for row in moments]
     # a standard deviation of one cell across it: four columns at least
     narrow = obstacles.cell_size**2
@@ -299,46 +277,32 @@ def _plane_of(row: Array, cell_size: float, least: float) -> Plane:
     )
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _covers_top(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
-    """Whether box q takes much of the room above the top of box p.
+@njit(cache=True, nogil=True)
+def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.NDArray[np.bool_]:
+    """(m,) whether a box has free space above: no other takes much of the room above its top.
 
     A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
     thick, for a wall goes on in the cell above.
     """
-    lower, upper = boxes.lower, boxes.upper
-    # not below the top, nor above the headroom
-    top = upper[p, 2]
-    if upper[q, 2] <= top + tolerance or lower[q, 2] >= top + headroom:
-        return False
-    # the share of the top that is below it
-    width, depth = upper[p, 0] - lower[p, 0], upper[p, 1] - lower[p, 1]
-    along_x = min(upper[p, 0], upper[q, 0]) - max(lower[p, 0], lower[q, 0])
-    along_y = min(upper[p, 1], upper[q, 1]) - max(lower[p, 1], lower[q, 1])
-    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
-    return shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
-
-
-@njit(cache=True, nogil=True)
-def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.NDArray[np.bool_]:
-    """(m,) whether a box has free space above."""
-    cells = boxes.cells
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     nz = boxes.number_at.shape[2]
-    free = np.zeros(len(cells), np.bool_)
     layers = int(headroom / boxes.cell_size) + 1
+    # what lies above the highest layer was cropped away
+    free = cells[:, 2] < nz - 1
     for p in range(len(cells)):
-        if cells[p, 2] == nz - 1:
-            continue  # what lies above was cropped away
+        top = upper[p, 2]
+        area = (upper[p, 0] - lower[p, 0] + _SHEET) * (upper[p, 1] - lower[p, 1] + _SHEET)
         # every other box of the column up to the headroom
-        blocked = False
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
             q = boxes.number_at[cells[p, 0], cells[p, 1], k] - 1
-            while q >= 0 and not blocked:
-                blocked = q != p and _covers_top(boxes, q, p, headroom, tolerance)
+            while q >= 0 and free[p]:
+                # the share of the top that is below it, where it is above the top
+                if q != p and top + tolerance < upper[q, 2] and lower[q, 2] < top + headroom:
+                    along_x = min(upper[p, 0], upper[q, 0]) - max(lower[p, 0], lower[q, 0])
+                    along_y = min(upper[p, 1], upper[q, 1]) - max(lower[p, 1], lower[q, 1])
+                    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
+                    free[p] = shared <= 0.3 * area
                 q = boxes.next[q]
-            if blocked:
-                break
-        free[p] = not blocked
     return free
 
 

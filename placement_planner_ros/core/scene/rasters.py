@@ -34,87 +34,37 @@ NEAR_CONTAINED = 0.05
 TILE_M = 0.03
 """m, side of the tiles whose spacing is judged, each with the eight around it, and of the squares
 over which heights of noisy points are averaged."""
-GROWTH = 1.25
-"""By this factor the radius grows from one look to the next that the closed area is compared at."""
-WIDEST = 1.6
+GROWTH = 1.265
+"""By this factor the radius grows from one look to the next; where the closed area grows by no more
+in between, it stays."""
+WIDEST = GROWTH * GROWTH
 """Times the radius at which the area stays, that the widest disc by chance has."""
-STAYS = 1.2
-"""Times that the closed area may grow in between, to have stayed."""
 AREA_PER_POINT = 0.15
 """Times the radius' square that the closed area of each point is, at least: else they are apart."""
-FEWEST_POINTS = 12
-"""Points in a tile that show their spacing."""
-
-
-class Raster:
-    """A grid of pixels around points, which are in metres until `at` has them in pixels.
-
-    Args:
-        low, high: (2,) corners of them, m.
-        pixel: side of a pixel, metres.
-        rim: m around the points.
-    """
-
-    def __init__(self, low: Array, high: Array, pixel: float, rim: float) -> None:
-        self.pixel = pixel
-        self.origin = low - rim
-        shape = np.ceil((high + rim - self.origin) / pixel).astype(int) + 1
-        self.shape = (int(shape[0]), int(shape[1]))
-
-    def counts(self, points: Array) -> Array:
-        """`pixel_sums`, without heights, of those points (k, 2), m, that are on the raster."""
-        at = (points - self.origin) / self.pixel
-        at = at[points_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
-        return pixel_sums(at, np.zeros(0), self.shape)
-
-    def width(self, side: float) -> int:
-        """Pixels, an odd number, along a square of that side, metres, or a little less."""
-        return 2 * int(0.5 * side / self.pixel) + 1
-
-    def nearest(self, discs: Array, most: float = math.inf) -> tuple[Field, Index]:
-        """(nx, ny) pixels, no more than `most`, to the nearest of points (n, 2), or of discs (n, 3)
-        of those middles and radii, negative within; and which that is, or -1."""
-        near = np.full(self.shape, np.float32(min(most, sum(self.shape))))
-        who = np.full(self.shape, np.int32(-1))
-        elements = np.zeros((len(discs), 4))
-        elements[:, :2] = discs[:, :2]
-        if discs.shape[1] > 2:
-            elements[:, 3] = discs[:, 2]
-        hand_on_nearest(elements, np.arange(len(discs)), near, who)
-        return near, who
-
-
-def points_within(points: npt.NDArray[np.floating], low: Array, high: Array) -> Mask:
-    """(n,) which points (n, 2) lie between two corners, the upper one left out."""
-    x, y = points[:, 0], points[:, 1]
-    return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
+SURE_COUNT = 12
+"""Points in a tile that show their spacing; and rays that ended about a place on the surface for
+each that passed it, to tell that it is whole: if a quarter of it were open, three in a hundred
+times that many would by chance."""
+MOST_HEIGHTS = 48
+"""Heights that are told apart, at most."""
+MOST_PIXELS = 60_000
+"""Pixels of a raster up to which they are as fine as is asked for."""
 
 
 @njit(cache=True, nogil=True)
-def pixel_sums(at: Array, heights: Array, shape: tuple[int, int]) -> Array:
-    """(5, nx, ny) of the points (n, 2), in pixels, and heights (n,) of each pixel.
-
-    How many there are; the sums of their positions along x and y, and of their heights; and the
-    greatest height, -inf where there is none. The first three without heights.
-    """
-    sums = np.zeros((5 if len(heights) else 3, *shape))
-    sums[4:] = -np.inf
+def pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
+    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
+    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
+    sums = np.zeros((values.shape[1] + 2, *shape))
+    sums[-1] = -np.inf
     for p in range(len(at)):
         # the pixel whose centre is nearest
         i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
         sums[0, i, j] += 1.0
-        sums[1, i, j] += at[p, 0]
-        sums[2, i, j] += at[p, 1]
-        if len(heights):
-            sums[3, i, j] += heights[p]
-            sums[4, i, j] = max(sums[4, i, j], heights[p])
+        for k in range(values.shape[1]):
+            sums[k + 1, i, j] += values[p, k]
+        sums[-1, i, j] = max(sums[-1, i, j], values[p, -1])
     return sums
-
-
-def pixel_means(sums: Array) -> Array:
-    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
-    held = sums[0] > 0.0
-    return np.column_stack([sums[1][held], sums[2][held]]) / sums[0][held][:, None]
 
 
 @njit(cache=True, nogil=True)
@@ -249,59 +199,3 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
                 for n in range(max(j - half, 0), min(j + half + 1, ny)):
                     widest[m, n] = max(widest[m, n], radius)
     return widest
-
-
-def chance_radius(widest: Field, count: Array, pixel: float, least: float, most: float) -> Field:
-    """(nx, ny) m, the widest disc without points that is no gap, for each pixel of a raster.
-
-    Args:
-        widest: (nx, ny) m, the widest disc without points that covers each pixel.
-        count: (nx, ny) points in each pixel.
-        pixel: side of a pixel, metres.
-        least, most: bounds of what is returned, metres.
-    """
-    side = max(1, round(TILE_M / pixel))
-    (nx, ny), tiles = widest.shape, tuple(-(-n // side) for n in widest.shape)
-    apart = 3  # radii that are tried from one look to the next
-    steps = math.ceil(apart * math.log(most / least) / math.log(GROWTH)) + 1
-    # a pixel is as wide as what holds one point by itself
-    radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
-    # closed area of each tile and those around it, up to each radius
-    closed = _tile_sums(_discs_of_tiles(widest, side, radii)).cumsum(axis=2) * pixel**2
-    # and how many points there are
-    padded = np.zeros((tiles[0] * side, tiles[1] * side))
-    padded[:nx, :ny] = count
-    number = _tile_sums(padded.reshape(tiles[0], side, tiles[1], side).sum(axis=(1, 3))[..., None])
-    now, later = closed[..., :-apart], closed[..., apart:]
-    stays = (later <= STAYS * now) & (now >= AREA_PER_POINT * number * radii[: now.shape[2]] ** 2)
-    first = np.where(stays.any(axis=2), stays.argmax(axis=2), now.shape[2] - 1)
-    found = np.where(number[..., 0] >= FEWEST_POINTS, radii[first] * WIDEST, least)
-    found = np.clip(found, least, most)
-    found = np.repeat(np.repeat(found, side, axis=0), side, axis=1)
-    return found[:nx, :ny].astype(np.float32)
-
-
-@njit(cache=True, nogil=True)
-def _discs_of_tiles(widest: Field, side: int, radii: Array) -> Array:
-    """(m, n, k) how many pixels of each tile have each radius as that of their widest disc.
-
-    Args:
-        widest: (nx, ny) m; tiles are of `side` pixels.
-        radii: (k,) m, ascending.
-    """
-    nx, ny = widest.shape
-    counts = np.zeros(((nx + side - 1) // side, (ny + side - 1) // side, len(radii)))
-    for i in range(nx):
-        for j in range(ny):
-            if widest[i, j] > radii[-1]:
-                continue
-            step = 0
-            while radii[step] < widest[i, j]:
-                step += 1
-            counts[i // side, j // side, step] += 1.0
-    return counts
-
-
-def _tile_sums(tiles: Array) -> Array:
-    """(m, n, k) sums over each tile and the eight around it."""
-    return np.moveaxis(window_sums(np.ascontiguousarray(np.moveaxis(tiles, 2, 0)), 3), 0, 2)

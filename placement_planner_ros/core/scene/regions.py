@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -147,7 +148,29 @@ class RegionPoints:
         return points
 
 
-def regions_of_layer(
+def regions_of_layers(
+    layers: Mapping[float, Layer],
+    trim: float,
+    slope: Slope,
+    volume: TargetVolume,
+    settings: RegionSettings,
+) -> tuple[Region, ...]:
+    """What of layers lies in V, larger first: pieces of surface of 8-connected pixels, in tiles.
+
+    Each is cut into tiles of `max_side` and clipped to V. Its z is the median of its pixels', which
+    differ from the layer's height by the height tolerance at most.
+
+    Args:
+        layers: by the heights of surfaces.
+        trim: m to be kept from where the surface ends.
+    """
+    found: list[Region] = []
+    for height, layer in layers.items():
+        found += _regions_of_layer(layer, height, trim, slope, volume, settings)
+    return largest_regions(found, settings)
+
+
+def _regions_of_layer(
     layer: Layer,
     height: float,
     trim: float,
@@ -155,44 +178,56 @@ def regions_of_layer(
     volume: TargetVolume,
     settings: RegionSettings,
 ) -> list[Region]:
-    """What of a layer lies in V: pieces of surface of 8-connected pixels, in tiles.
-
-    Each is cut into tiles of `max_side` and clipped to V. Its z is the median of its pixels', which
-    differ from `height` by the height tolerance at most.
-
-    Args:
-        trim: m to be kept from where the surface ends.
-    """
     # surface at that height, away from its ends and from what rises
     level = np.abs(layer.surface - height) <= settings.height_tolerance
     mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.risen
+    footprint = volume.joined[:, :, :2]
+    mask &= _pixels_over(layer, footprint)
     # what slopes may lie in V in part
-    flat = disjoint_rectangles(volume.joined[:, :, :2])
-    mask &= _pixels_over(layer, flat)
-    labels, number = label(mask, np.ones((3, 3)))
-    fewest = settings.min_area / layer.pixel**2
-    large = np.bincount(labels.ravel(), minlength=number + 1) >= fewest
+    flat = None if slope == LEVEL else disjoint_rectangles(footprint)
     regions = []
+    for tile, own, rectangles in mask_tiles(mask, layer.origin, layer.pixel, settings):
+        z = float(np.median(layer.surface[tile][own]))
+        section = volume.section(z) if flat is None else flat
+        region = Region(rectangles, z, slope).within(section)
+        if region is not None and region.area >= settings.min_area:
+            regions.append(region)
+    return regions
+
+
+Tile = tuple[slice, slice]
+
+
+def mask_tiles(
+    mask: Mask, origin: Array, pixel: float, settings: RegionSettings
+) -> Iterator[tuple[Tile, Mask, Array]]:
+    """The 8-connected pieces of a mask (nx, ny), in tiles of `max_side`.
+
+    Args:
+        origin: (2,) centre of the first pixel, metres.
+        pixel: side, metres.
+
+    Yields:
+        Where in the mask, which pixels there, and the disjoint rectangles (k, 4), m, that they are.
+    """
+    labels, number = label(mask, np.ones((3, 3)))
+    fewest = settings.min_area / pixel**2
+    large = np.bincount(labels.ravel(), minlength=number + 1) >= fewest
     for piece, bounds in enumerate(find_objects(labels, number), 1):
         if not large[piece]:
             continue
-        tiles = list(_tiles_of(bounds, settings.max_side / layer.pixel))
+        tiles = list(_tiles_of(bounds, settings.max_side / pixel))
         for tile in tiles:
             of_tile, parts = labels[tile] == piece, 1
             # a tile may cut a piece into several parts
             if len(tiles) > 1:
                 of_tile, parts = label(of_tile, np.ones((3, 3)))
+            corner = origin + (np.array([tile[0].start, tile[1].start]) - 0.5) * pixel
             for part in range(1, parts + 1):
                 own = of_tile == part
-                if own.sum() < fewest:
-                    continue
-                z = float(np.median(layer.surface[tile][own]))
-                section = volume.section(z) if slope == LEVEL else flat
-                corner = np.array([tile[0].start, tile[1].start])
-                region = Region(_mask_rectangles(own, corner, layer), z, slope).within(section)
-                if region is not None and region.area >= settings.min_area:
-                    regions.append(region)
-    return regions
+                if own.sum() >= fewest:
+                    rectangles = corner + _mask_rectangles(own).reshape(-1, 2, 2) * pixel
+                    yield tile, own, rectangles.reshape(-1, 4)
 
 
 def _pixels_over(layer: Layer, rectangles: Array) -> Mask:
@@ -205,31 +240,26 @@ def _pixels_over(layer: Layer, rectangles: Array) -> Mask:
     return over
 
 
-def _tiles_of(bounds: tuple[slice, slice], side: float) -> Iterable[tuple[slice, slice]]:
+def _tiles_of(bounds: Tile, side: float) -> Iterator[Tile]:
     """Tiles of no more than that many pixels along each side that bounds are cut into evenly."""
     ends = []
     for along in bounds:
         number = int(np.ceil((along.stop - along.start) / max(1.0, np.floor(side))))
         ends.append(np.linspace(along.start, along.stop, number + 1).round().astype(int))
-    for i0, i1 in zip(ends[0][:-1], ends[0][1:], strict=True):
-        for j0, j1 in zip(ends[1][:-1], ends[1][1:], strict=True):
+    for i0, i1 in itertools.pairwise(ends[0]):
+        for j0, j1 in itertools.pairwise(ends[1]):
             yield slice(int(i0), int(i1)), slice(int(j0), int(j1))
 
 
-def _mask_rectangles(mask: Mask, corner: Array, layer: Layer) -> Array:
-    """(k, 4) disjoint rectangles that the pixels of a mask make up, rows that are alike joined.
-
-    Args:
-        corner: (2,) the mask's first pixel in the layer.
-    """
+def _mask_rectangles(mask: Mask) -> npt.NDArray[np.int64]:
+    """(k, 4) pixels at which disjoint rectangles begin and end, along x and y, that a mask is made
+    up of; rows that are alike are joined."""
     rows = np.flatnonzero(np.append(True, (mask[1:] != mask[:-1]).any(axis=1)))
     last = np.append(rows[1:], len(mask))
     # where runs of pixels begin and end in each of these rows, in the same order
     steps = np.diff(np.pad(mask[rows], ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (row, low), high = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
-    found = np.column_stack([rows[row], low, last[row], high])
-    at = found.reshape(-1, 2, 2) + corner - 0.5
-    return np.asarray((layer.origin + at * layer.pixel).reshape(-1, 4))
+    return np.column_stack([rows[row], low, last[row], high])
 
 
 def largest_regions(regions: Iterable[Region], settings: RegionSettings) -> tuple[Region, ...]:

@@ -8,7 +8,6 @@ are that near to each other; their hulls hold the feet of all centres of mass.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -19,9 +18,13 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import ROUNDING
 from placement_planner_ros.core.scene.layers import Layer
-from placement_planner_ros.core.scene.regions import Region, RegionSettings, largest_regions
+from placement_planner_ros.core.scene.regions import (
+    Region,
+    RegionSettings,
+    largest_regions,
+    mask_tiles,
+)
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
 
 Index = npt.NDArray[np.int64]
@@ -77,7 +80,7 @@ def spans(environment: Environment, footprint: Footprint, tolerance: float) -> t
                 continue
             patches = _layer_patches(layer, environment.measured.cell_size, height, tolerance)
             for hull, members in _patch_hulls(patches, slope, footprint):
-                found += _hull_tiles(
+                found += _hull_regions(
                     patches, slope, hull, members, footprint, environment.volume, settings
                 )
     return largest_regions(found, settings)
@@ -102,8 +105,8 @@ def _layer_patches(layer: Layer, cell_size: float, height: float, tolerance: flo
 def _patch_hulls(
     patches: _Patches, slope: Slope, footprint: Footprint
 ) -> Iterator[tuple[Array, Index]]:
-    """Corners (k, 2) of the hull of each group of patches that one object may stand on, and the
-    rows of those in it."""
+    """The hull of each group of patches that one object may stand on, as lines (k, 3), a point x, y
+    within where a x + b y + c <= 0 for each, and the rows of those in it."""
     size, cells = patches.size, patches.cells
     if not len(cells):
         return
@@ -124,10 +127,10 @@ def _patch_hulls(
         shift = upright(slope)[:2, 2]
         shifted = [corners - each * shift for each in {0.0, *footprint.heights}]
         corners = np.concatenate(shifted)
-        yield corners[ConvexHull(corners).vertices], members
+        yield ConvexHull(corners).equations, members
 
 
-def _hull_tiles(
+def _hull_regions(
     patches: _Patches,
     slope: Slope,
     hull: Array,
@@ -136,62 +139,24 @@ def _hull_tiles(
     volume: TargetVolume,
     settings: RegionSettings,
 ) -> Iterator[Region]:
-    """A hull within V, cut into tiles of bounded size, each at the height of what is around it."""
-    low, high = hull.min(axis=0), hull.max(axis=0)
-    flat = disjoint_rectangles(volume.joined[:, :, :2])
-    clipped_low = np.maximum(low, volume.lower[:2])
-    clipped_high = np.minimum(high, volume.upper[:2])
-    if (clipped_high <= clipped_low).any():
-        return
-    number = np.ceil((clipped_high - clipped_low) / settings.max_side - 1e-9).astype(np.int64)
-    x, y = (
-        np.linspace(a, b, n + 1) for a, b, n in zip(clipped_low, clipped_high, number, strict=True)
-    )
-    lower, height = patches.corner + patches.cells[members] * patches.size, patches.height[members]
+    """Squares that a hull reaches into, in V, in tiles, each at the height of what is around it."""
+    size, flat = patches.size, disjoint_rectangles(volume.joined[:, :, :2])
+    first = np.floor((flat[:, 0].min(axis=0) - patches.corner) / size)
+    last = np.ceil((flat[:, 1].max(axis=0) - patches.corner) / size)
+    origin = patches.corner + (first + 0.5) * size
+    squares = origin + np.moveaxis(np.indices((last - first).astype(int)), 0, 2) * size
+    # the corner of each square that is farthest within each line of the hull
+    mask = np.ones(squares.shape[:2], np.bool_)
+    for *normal, offset in hull:
+        mask &= squares @ normal + offset <= 0.5 * size * np.abs(normal).sum()
+    lower, height = patches.corner + patches.cells[members] * size, patches.height[members]
     near_plane = np.abs(height - patches.plane) <= settings.height_tolerance
-    for i in range(number[0]):
-        strips = _hull_strips(hull, x[i], x[i + 1], patches.size)
-        for j in range(number[1]):
-            parts = strips.copy()
-            parts[:, 1] = np.maximum(parts[:, 1], y[j])
-            parts[:, 3] = np.minimum(parts[:, 3], y[j + 1])
-            parts = parts[parts[:, 3] > parts[:, 1]]
-            if len(parts) == 0:
-                continue
-            first = np.array([x[i], y[j]]) - footprint.radius
-            last = np.array([x[i + 1], y[j + 1]]) + footprint.radius
-            near = ((lower + patches.size >= first) & (lower <= last)).all(axis=1) & near_plane
-            around = height[near]
-            z = float(np.median(around)) if len(around) else patches.plane
-            section = volume.section(z) if slope == LEVEL else flat
-            region = Region(parts, z, slope=slope).within(section)
-            if region is not None:
-                yield region
-
-
-def _hull_strips(hull: Array, begin: float, end: float, width: float) -> Array:
-    """(k, 4) rectangles that hold a convex polygon (n, 2), counter-clockwise, from x to x."""
-    edges = np.linspace(begin, end, max(1, int(np.ceil((end - begin) / width))) + 1)
-    order = np.argsort(hull[:, 0], kind="stable")
-    left, right = int(order[0]), int(order[-1])
-    corners = np.roll(hull, -left, axis=0)
-    at = (right - left) % len(hull)
-    below, above = corners[: at + 1], np.vstack([corners[at:], corners[:1]])[::-1]
-    strips: list[list[float]] = []
-    for x0, x1 in itertools.pairwise(edges):
-        lowest, highest = (
-            _chain_extreme(chain, x0, x1, sign) for chain, sign in ((below, -1.0), (above, 1.0))
-        )
-        same = strips and abs(strips[-1][1] - lowest) + abs(strips[-1][3] - highest) <= ROUNDING
-        if same:
-            strips[-1][2] = x1
-        else:
-            strips.append([x0, lowest, x1, highest])
-    return np.array(strips)
-
-
-def _chain_extreme(chain: Array, x0: float, x1: float, sign: float) -> float:
-    """The greatest (sign 1) or least (-1) y of a chain of points from x0 to x1."""
-    inside = chain[(chain[:, 0] >= x0) & (chain[:, 0] <= x1), 1]
-    ends = np.interp([x0, x1], chain[:, 0], chain[:, 1])
-    return float(sign * np.max(sign * np.concatenate([inside, ends])))
+    for _, _, rectangles in mask_tiles(mask, origin, size, settings):
+        low = rectangles[:, :2].min(axis=0) - footprint.radius
+        high = rectangles[:, 2:].max(axis=0) + footprint.radius
+        near = ((lower + size >= low) & (lower <= high)).all(axis=1) & near_plane
+        z = float(np.median(height[near])) if near.any() else patches.plane
+        section = volume.section(z) if slope == LEVEL else flat
+        region = Region(rectangles, z, slope=slope).within(section)
+        if region is not None:
+            yield region

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,15 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layer
-from placement_planner_ros.core.scene.rasters import TILE_M, Field, Index
+from placement_planner_ros.core.scene.cloud import SURE_NOISES
+from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layers
+from placement_planner_ros.core.scene.rasters import MOST_HEIGHTS, TILE_M, Field, Index
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 from placement_planner_ros.core.uncounted import Uncounted
 
-MOST_HEIGHTS = 64
-"""Heights at most at which surface is looked for."""
-FEWEST_TOPS = 3
-"""Pieces of surface as large as a cell that the surfaces at one height have, at least."""
 NOT_MADE, EMPTY = -1, -2
 """In place of a layer's number."""
 
@@ -66,7 +64,7 @@ class SupportMap:
         """The layer that answers for a height; None where nothing was measured there."""
         number = self._number(height, tolerance)
         if number == NOT_MADE:
-            self._make(height, tolerance)
+            self._make([height], tolerance)
             number = self._number(height, tolerance)
         return None if number == EMPTY else self._layers[tolerance][number]
 
@@ -74,17 +72,17 @@ class SupportMap:
         """Of the layer that answers for a height, or `NOT_MADE` or `EMPTY`."""
         return self._numbers.get((round(height / LAYER_STEP_M), tolerance), NOT_MADE)
 
-    def _make(self, height: float, tolerance: float) -> None:
-        """Add the layer that answers for a height."""
-        with self._lock:  # two threads may ask for it
-            step = round(height / LAYER_STEP_M)
-            if (step, tolerance) in self._numbers:
-                return
+    def _make(self, heights: Sequence[float], tolerance: float) -> None:
+        """Add the layers that answer for some heights."""
+        with self._lock:  # two threads may ask for them
+            steps = dict.fromkeys(round(height / LAYER_STEP_M) for height in heights)
+            missing = [step for step in steps if (step, tolerance) not in self._numbers]
             layers = self._layers.setdefault(tolerance, [])
-            made = make_layer(self._cloud, step * LAYER_STEP_M, tolerance)
-            self._numbers[step, tolerance] = EMPTY if made is None else len(layers)
-            if made is not None:
-                layers.append(made)
+            made = make_layers(self._cloud, [step * LAYER_STEP_M for step in missing], tolerance)
+            for step, layer in zip(missing, made, strict=True):
+                self._numbers[step, tolerance] = EMPTY if layer is None else len(layers)
+                if layer is not None:
+                    layers.append(layer)
             self._stacks.pop(tolerance, None)
 
     def _stack(self, tolerance: float) -> LayerStack:
@@ -101,6 +99,22 @@ class SupportMap:
                     self._layers.get(tolerance, []), low, number
                 )
             return self._stacks[tolerance]
+
+    @classmethod
+    def of_surfaces(
+        cls, cloud: SlopeCloud, beside: float, height_tolerance: float, tolerance: float
+    ) -> tuple[SupportMap, dict[float, Layer]]:
+        """What answers s(x) on surfaces of a cloud, and the layers of those in V, by their heights.
+
+        Args:
+            beside, height_tolerance: of `heights`.
+            tolerance: m that what carries may be above or below a layer.
+        """
+        support = cls(cloud)
+        heights = support.heights(cloud.volume, beside, height_tolerance)
+        support._make(heights, tolerance)
+        layers = ((height, support.layer(height, tolerance)) for height in heights)
+        return support, {height: layer for height, layer in layers if layer is not None}
 
     def heights(self, volume: TargetVolume, beside: float, tolerance: float) -> list[float]:
         """m, heights at which there is surface in V, those of most surface first.
@@ -127,7 +141,7 @@ class SupportMap:
             last = np.searchsorted(left, left + 2.0 * tolerance, side="right")
             many = last - np.arange(len(left))
             first = int(np.argmax(many))
-            if many[first] < FEWEST_TOPS:
+            if many[first] < 3:  # a top and one to either side
                 break
             # the median of the most is a height; what is near it is used up
             found.append(float(np.median(left[first : last[first]])))
@@ -182,7 +196,7 @@ class SupportMap:
             result, missing = _surface_gaps(above, groups, tolerance, keeps, self._stack(tolerance))
             if math.isnan(missing):
                 return np.asarray(result)
-            self._make(missing, tolerance)
+            self._make([missing], tolerance)
 
     def ends(self, height: float, tolerance: float) -> Array:
         """(n, 2) where the surfaces about a height end, but where a thing stands.
@@ -224,7 +238,7 @@ class SupportMap:
             )
             if math.isnan(missing):
                 return np.asarray(found)
-            self._make(missing, tolerance)
+            self._make([missing], tolerance)
 
     @property
     def sparse(self) -> float:
@@ -260,11 +274,7 @@ class SupportMap:
             return self.noise
         # a - (b + c) / 2 deviates √1.5 times as much as one height
         deviation = 1.4826 * float(np.median(found)) / math.sqrt(1.5)
-        return min(self.noise, SURE * deviation)
-
-
-SURE = 4.0
-"""Standard deviations beyond which noise does not explain a difference."""
+        return min(self.noise, SURE_NOISES * deviation)
 
 
 def _stacked_layers(layers: list[Layer], low: int, number: Index) -> LayerStack:

@@ -14,28 +14,24 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
+from placement_planner_ros.core.scene.freespace import View
+from placement_planner_ros.core.scene.grid import SKIN_M, ObstacleSet
 from placement_planner_ros.core.scene.layers import SlopeCloud
+from placement_planner_ros.core.scene.rasters import TILE_M
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, Array, TargetVolume
 
 STEEPEST_LEAN_RAD = math.radians(15.0)
 """rad by which a wall may be from the vertical."""
-AROUND_M = 0.3
-"""m around V in which walls are sought."""
-PATCH_M = 0.03
-"""m, side of the cubes whose points are looked at together."""
 FEWEST_POINTS, FEWEST_PATCHES = 8, 6
 """Points of the sparsest cube, and cubes of the smallest wall."""
-OFF_PLANE_M = 0.0015
+OFF_PLANE_M = 3.0 * SKIN_M
 """m that points of a wall lie off its plane by at most, standard deviation, beside their noise."""
 ALIKE_RAD = math.radians(8.0)
 """rad between the normals of cubes of one wall, as so few points tell them."""
 MOST_WALLS, MOST_SEEDS = 16, 512
 """Walls, and cubes whose planes are looked at for them."""
-NEAR_M = 0.05
-"""m before and behind a wall in which points matter to its raster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +92,7 @@ class Wall:
         measured, (low, high) = self._measured, self.extent
         # Points near its plane, turned so that it is level.
         away = measured.points @ self.normal.astype(np.float32) - self.offset
-        points = measured.points[np.abs(away) < NEAR_M] @ self.rotation.T.astype(np.float32)
+        points = measured.points[np.abs(away) < 0.5 * CLEAR_M] @ self.rotation.T.astype(np.float32)
         # The cells that have points on it.
         band = np.abs(points[:, 2] - self.offset) <= 2.0 * OFF_PLANE_M + measured.noise
         size = measured.cell_size
@@ -160,7 +156,7 @@ def _foot_axes(normal: Array, middles: Array) -> tuple[Array, Array]:
     along = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
     rotation = np.stack([along, np.cross(normal, along), normal])
     at = middles @ rotation[:2].T
-    return rotation, np.stack([at.min(axis=0) - 0.5 * PATCH_M, at.max(axis=0) + 0.5 * PATCH_M])
+    return rotation, np.stack([at.min(axis=0) - 0.5 * TILE_M, at.max(axis=0) + 0.5 * TILE_M])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,7 +179,7 @@ class _WallPatches:
 
     @classmethod
     def of(cls, points: Array) -> _WallPatches:
-        cells = np.floor(points / PATCH_M).astype(np.int64)
+        cells = np.floor(points / TILE_M).astype(np.int64)
         cells -= cells.min(axis=0, initial=0)
         sizes = cells.max(axis=0, initial=0) + 1
         key = (cells[:, 0] * sizes[1] + cells[:, 1]) * sizes[2] + cells[:, 2]
@@ -200,7 +196,7 @@ class _WallPatches:
                 spreads[:, i, j] = mean(off[:, i] * off[:, j])
         values, vectors = np.linalg.eigh(spreads)
         scatter = np.sqrt(np.maximum(values[:, 0], 0.0))
-        scatter[(many < FEWEST_POINTS) | (values[:, 1] < (0.1 * PATCH_M) ** 2)] = np.inf
+        scatter[(many < FEWEST_POINTS) | (values[:, 1] < (0.1 * TILE_M) ** 2)] = np.inf
         return cls(many.astype(np.float64), middles, spreads, vectors[:, :, 0], scatter)
 
     def plane(self, rows: npt.NDArray[np.int64]) -> tuple[Array, float]:

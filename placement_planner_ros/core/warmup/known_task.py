@@ -38,8 +38,8 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup.known_robot import START, known_robot

@@ -14,8 +14,8 @@ from placement_planner_ros.core.scene.cloud import cropped, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.near_points import NearPoints
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.cloud_store import PointSet

@@ -10,7 +10,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 
 POLYGON = PlannerSettings(support="polygon")
 SENSOR = np.array([0.35, 0.05, 0.8])

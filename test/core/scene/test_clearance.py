@@ -235,7 +235,6 @@ def test_mean_clearance_and_its_gradient(field):
     world = body @ pose.rotation.T + pose.translation
     world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
     assert value == pytest.approx(field.distance(world).mean(), abs=1e-12)
-    np.testing.assert_allclose(gradient[:2], field.gradient(world).mean(axis=0), atol=1e-12)
     step = 1e-6
 
     def at(change):

@@ -45,7 +45,7 @@ def test_a_floor_carries_up_to_a_low_wall(obstacles):
     xy = np.random.default_rng(1).uniform(-1.0, 1.0, (3000, 2)) * (VOLUME.upper[:2] - 0.007)
     places = np.column_stack([xy, np.zeros(len(xy))])
     for each in obstacles:
-        planes = Planes.of(each, VOLUME, settings.headroom, settings.max_slope)
+        planes = Planes.of(each, VOLUME, settings)
         support = find_regions(each, VOLUME, settings, planes)[1]
         assert support.supported(places, 0.003, 0.003).mean() > 0.9
 

@@ -5,8 +5,8 @@ import pytest
 from helpers.tilts import slope_of
 
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness
 
 VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])

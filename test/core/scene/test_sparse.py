@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.run.surroundings import environment_notes
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.scene.environment import find_regions
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import TargetVolume
 
 BOUNDS = (np.array([-0.35, -0.35, -0.1]), np.array([0.35, 0.35, 0.3]))

@@ -5,9 +5,10 @@ import pytest
 from helpers.gratings import BOUNDS, HALF, VOLUME, Z, at, bars, outline, solid
 
 from placement_planner_ros.core.scene.environment import find_regions
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.planes import Planes
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.regions import RegionSettings
 
 PIXEL = 0.003
 """m between what neighbouring pixels see unless given: one or two across a bar of 5 mm."""
@@ -83,7 +84,7 @@ def test_a_surface_that_slopes_has_gaps_too():
     points, sensor = seen(grating, rng), SENSOR + np.array([0.0, 0.0, SENSOR[:2] @ slope])
     points[:, 2] += points[:, :2] @ slope
     obstacles = ObstacleSet.from_points(points, GridSettings(cell_size=0.01), BOUNDS)
-    planes = Planes.of(obstacles, VOLUME, 0.03, 0.1)
+    planes = Planes.of(obstacles, VOLUME, RegionSettings(max_slope=0.1))
     (found,) = planes.slopes
     assert found == pytest.approx(slope, abs=0.002)
     sights = [View(points, sensor)]

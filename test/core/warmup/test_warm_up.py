@@ -21,7 +21,7 @@ from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.scenes.yumi import start_configuration

@@ -18,8 +18,8 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.freespace import FREE, SeenSpace, View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.visibility import FREE, SeenSpace, View
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds

@@ -1,4 +1,4 @@
-"""Unknown space: what no sensor has seen to be free, from the lines of sight of clouds.
+"""Free space: what sensors have seen to be free, and unknown space, from lines of sight of clouds.
 
 Every measured point shows that the line from its sensor to it is free. A cell that no such line
 crosses, and that holds no measured point, has not been seen. It is *unknown* if something measured
@@ -21,7 +21,7 @@ from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene.clearance import CAP
-from placement_planner_ros.core.scene.cloud import thinned
+from placement_planner_ros.core.scene.cloud import STEP_M, thinned
 from placement_planner_ros.core.scene.grid import ROUNDING, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -37,11 +37,7 @@ CEILING_M = 0.3
 """m above V in which a ceiling would matter: about what a hand takes above the object."""
 UNSEEN, FREE, OCCUPIED = 0, 1, 2
 """States of a cell."""
-_BELOW_M = 0.005
-"""m that unknown space stays below a measured surface. What stands on that surface keeps the margin
-and planning's reserve (4.2 mm by default) from unknown space, which else begins anywhere within a
-cell below; and nothing that keeps 2.5 mm or more from both fits between them."""
-_BINS = 128
+BINS = 128
 """Directions from a sensor are told apart by a cube of bins around it, this many along an edge:
 less than 1° each."""
 _BLOCK = 8
@@ -234,7 +230,10 @@ class SeenSpace:
         lower, upper = (self.origin + (end + 0.5) * size for end in (cells.min(0), cells.max(0)))
         larger = self.measured.reaching(lower, upper)
         shift = replace(self, measured=larger)._shift.astype(np.int32)
-        return larger.with_full_cells(cells - shift, _BELOW_M)
+        # What stands on a surface keeps the margin and planning's reserve (4.2 mm by default) from
+        # unknown space, which else begins anywhere within a cell below; and nothing that keeps
+        # 2.5 mm or more from both fits between them.
+        return larger.with_full_cells(cells - shift, STEP_M)
 
     def _in_volume(self) -> Mask:
         """(nx, ny, nz) unseen cells whose centres lie in V."""
@@ -270,28 +269,18 @@ def _points_towards(
     """Rows of points (n, 3) that lie from the sensor in a direction in which the box lies, too;
     these points, or where their lines of sight leave the box before."""
     rows, ends = np.empty(len(points), np.int64), np.empty((len(points), 3))
+    low, high, along = lower - sensor, upper - sensor, np.empty(3)
     count = 0
     for p in range(len(points)):
-        # from which to which multiple of the way to the point the line is within the box
-        first, final = 0.0, np.inf
         for a in range(3):
-            along = points[p, a] - sensor[a]
-            low, high = lower[a] - sensor[a], upper[a] - sensor[a]
-            if along > 0.0:
-                first, final = max(first, low / along), min(final, high / along)
-            elif along < 0.0:
-                first, final = max(first, high / along), min(final, low / along)
-            elif not low <= 0.0 <= high:  # also where a coordinate is NaN
-                final = -1.0
-            # also where a coordinate is infinite
-            if not math.isfinite(along):
-                final = -1.0
+            along[a] = points[p, a] - sensor[a]
+        first, final = _within_box(along, low, high)
         # it ends at its point, or where it leaves the box before
         if first <= final:
             rows[count] = p
             share = min(final, 1.0)
             for a in range(3):
-                ends[count, a] = sensor[a] + share * (points[p, a] - sensor[a])
+                ends[count, a] = sensor[a] + share * along[a]
             count += 1
     return rows[:count], ends[:count]
 
@@ -310,13 +299,16 @@ def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: 
     exits = np.zeros(cells.size, np.uint8)  # ... and through which one has left the grid
     # where the sensor is, in cells
     start = (sensor - origin) / size
-    along = np.empty(3)
+    low, high, along = -start, np.array(shape) - start, np.empty(3)
     step = np.empty(3, np.int64)
     left = np.empty(3, np.int64)
     crossing = np.empty(3)
     between = np.empty(3)
     for p in range(len(points)):
-        first, final = _within_grid(points[p], sensor, size, start, shape, along)
+        for a in range(3):
+            along[a] = (points[p, a] - sensor[a]) / size
+        first, final = _within_box(along, low, high)
+        final = min(final, 1.0)
         if first >= final:
             continue
         # per axis the cells to cross, where on the line the first face between two comes and how
@@ -348,33 +340,24 @@ def _carve_rays(points: Array, sensor: Array, origin: Array, size: float, free: 
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _within_grid(
-    point: Array,
-    sensor: Array,
-    size: float,
-    start: Array,
-    shape: tuple[int, int, int],
-    along: Array,
-) -> tuple[float, float]:
-    """From which to which share of its length the line from sensor to point is within the grid.
-
-    The second is not above the first where it misses the grid or the point is not finite.
+def _within_box(along: Array, low: Array, high: Array) -> tuple[float, float]:
+    """From which to which multiple of its length a line is within a box, no further back than it
+    begins; the second is below the first where it misses the box, or is not finite.
 
     Args:
-        start: (3,) the sensor in cells from the grid's corner.
-        along: (3,), filled: the whole line, in cells.
+        along: (3,) the whole line.
+        low, high: (3,) corners of the box, from where the line begins.
     """
-    first, final = 0.0, 1.0
+    first, final = 0.0, np.inf
     for a in range(3):
-        along[a] = (point[a] - sensor[a]) / size
-        # where the line crosses the two ends of the grid
-        if along[a] != 0.0:
-            low, high = -start[a] / along[a], (shape[a] - start[a]) / along[a]
-            first, final = max(first, min(low, high)), min(final, max(low, high))
-        elif start[a] < 0.0 or start[a] >= shape[a]:
+        if along[a] > 0.0:
+            first, final = max(first, low[a] / along[a]), min(final, high[a] / along[a])
+        elif along[a] < 0.0:
+            first, final = max(first, high[a] / along[a]), min(final, low[a] / along[a])
+        elif not low[a] <= 0.0 <= high[a]:
             final = -1.0
     if not math.isfinite(along[0] + along[1] + along[2]):
-        return 0.0, -1.0
+        final = -1.0
     return first, final
 
 
@@ -420,15 +403,15 @@ def _direction_bin(x: float, y: float, z: float) -> int:
     else:
         side, u, v, w = (4 if z > 0.0 else 5), x, y, az
     # where on that side
-    row = min(int((u / w + 1.0) * 0.5 * _BINS), _BINS - 1)
-    column = min(int((v / w + 1.0) * 0.5 * _BINS), _BINS - 1)
-    return (side * _BINS + row) * _BINS + column
+    row = min(int((u / w + 1.0) * 0.5 * BINS), BINS - 1)
+    column = min(int((v / w + 1.0) * 0.5 * BINS), BINS - 1)
+    return (side * BINS + row) * BINS + column
 
 
 @njit(cache=True, nogil=True)
 def _nearest_of_bins(points: Array, sensor: Array) -> Array:
     """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
-    nearest = np.full(6 * _BINS * _BINS, np.inf)
+    nearest = np.full(6 * BINS * BINS, np.inf)
     for p in range(len(points)):
         x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
         square = x * x + y * y + z * z
