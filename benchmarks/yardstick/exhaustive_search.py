@@ -182,7 +182,8 @@ class RefinedGrid:
         goals: list[Goal] = []
         for arm, grasp in self._grasps:
             one = replace(draws, arm=np.array([arm]), grasp=np.array([grasp]))
-            goals += self._checker.check_batch(one, best, 1, lambda: False).goals
+            outcome = self._checker.check_batch(one, best, 1, lambda: False)
+            goals += [] if outcome is None else outcome.goals
         if goals:
             self._tried[key] = _TRIES_PER_PLACE
         else:

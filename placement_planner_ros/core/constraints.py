@@ -88,13 +88,6 @@ class PoseConstraints:
         plain = self.contacts is self.faces and self.turns is None
         return None if plain else self.contacts.ranges
 
-    def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
-        """Whether the reference contact point lies in V, and horizontally the centre of mass."""
-        reference = T_world_object.act(self.contacts.references[face])
-        center = T_world_object.act(self._body.center_of_mass)
-        center[2] = reference[2]
-        return bool(self._volume.contains(np.array([reference, center])).all())
-
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): the object stays where it is put; of many poses: `verdicts`."""
         T = T_world_object.homogeneous[None]
@@ -114,13 +107,10 @@ class PoseConstraints:
 
     def verdict(self, T_world_object: pin.SE3, contact: Contact) -> Verdict:
         """The first constraint that fails, or FEASIBLE."""
-        if not self.in_volume(T_world_object, contact.feature):
-            return Verdict.OUTSIDE_VOLUME
-        if not self.stable(T_world_object, contact.feature, contact.slope):
-            return Verdict.UNSTABLE
-        if not self.free(T_world_object, contact):
-            return Verdict.COLLIDING
-        return Verdict.FEASIBLE if self.kept(T_world_object) else Verdict.BREAKS_RULE
+        reference = T_world_object.act(self.contacts.references[contact.feature])
+        T, feature = T_world_object.homogeneous[None], np.array([contact.feature])
+        slope = np.array([contact.slope])
+        return Verdict(self._judged(T, feature, reference[None], slope, np.zeros(1))[0])
 
     def kept(self, T_world_object: pin.SE3) -> bool:
         """Whether the pose keeps the rules of users."""
@@ -173,22 +163,32 @@ class PoseConstraints:
         Returns:
             (n,) verdicts and (n, 4, 4) poses T_world_object.
         """
-        sloping = slopes is not None and bool(slopes.any())
+        slopes = np.zeros((len(faces), 2)) if slopes is None else slopes
+        lacking = np.zeros(len(faces)) if lacking is None else lacking
         T = self.contacts.poses(faces, contacts, angles, slopes)
+        return self._judged(T, faces, contacts, slopes, lacking), T
+
+    def _judged(
+        self,
+        T: Array,
+        faces: npt.NDArray[np.int64],
+        contacts: Array,
+        slopes: Array,
+        lacking: Array,
+    ) -> npt.NDArray[np.int64]:
+        """(n,) verdicts of poses T (n, 4, 4) with these reference points, see `verdicts`."""
+        # In V lie the reference points, and horizontally the centres of mass.
         centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
         centers[:, 2] = contacts[:, 2]
         inside = self._volume.contains(contacts) & self._volume.contains(centers)
         result = np.full(len(faces), Verdict.OUTSIDE_VOLUME, dtype=np.int64)
-        lacking = np.zeros(len(faces)) if lacking is None else lacking
-        if slopes is None or not sloping:
-            self._judge(T, faces, contacts[:, 2], np.flatnonzero(inside), LEVEL, result, lacking)
-            return result, T
-        for slope in np.unique(slopes[inside], axis=0):
+        # What stands on planes of one slope is judged together.
+        for slope in np.unique(slopes, axis=0) if slopes.any() else np.zeros((1, 2)):
             rows = np.flatnonzero(inside & (slopes == slope).all(axis=1))
             heights = contacts[:, 2] - contacts[:, :2] @ slope
             along = float(slope[0]), float(slope[1])
             self._judge(T, faces, heights, rows, along, result, lacking)
-        return result, T
+        return result
 
     def _judge(
         self,

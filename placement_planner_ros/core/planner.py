@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -61,7 +60,6 @@ from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import (
-    TimedMotion,
     TimingSettings,
     TrajectoryMaker,
 )
@@ -69,8 +67,6 @@ from placement_planner_ros.core.types import MAX_BOXES, Array, Goal, Placement, 
 from placement_planner_ros.core.unseen_way import unseen_share
 from placement_planner_ros.core.wishes import checks
 from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
-
-_log = logging.getLogger(__name__)
 
 _EXPLAINED_SAMPLES = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
@@ -408,18 +404,10 @@ class PlacementPlanner:
 
         In the thread that runs the search, or once that has ended.
         """
-        try:
-            self.explanation = self._explained()
-        except Exception as error:
-            # A search is worth no less because nobody can say how it goes.
-            _log.exception("explaining a search failed")
-            self.explanation = Explanation(f"{type(error).__name__} while explaining it: {error}")
-        return self.explanation
-
-    def _explained(self) -> Explanation:
         statistics = self.statistics
         if statistics.solutions:
-            return Explanation(refused_in_short(statistics.count))
+            self.explanation = Explanation(refused_in_short(statistics.count))
+            return self.explanation
         progress = Progress(
             statistics.count,
             statistics.goals,
@@ -427,7 +415,8 @@ class PlacementPlanner:
             statistics.unreached,
             frozenset(self._remainder.rulings) if self.cause else frozenset(),
         )
-        return explain_search(self._search, progress)
+        self.explanation = explain_search(self._search, progress)
+        return self.explanation
 
     def _placements(
         self,
@@ -486,27 +475,17 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
             self._terms(goal),
-            self._unseen(made, holding),
+            unseen_share(
+                self._poses.problem,
+                holding.moving.arm,
+                holding.grasp,
+                made.trajectory,
+                made.retreat,
+            ),
             self._remainder.gap(goal.objective, self._settings.min_improvement),
             self._poses.contacts.resting(goal.T_world_object, goal.face),
         )
         return placement.turned(self._turned[goal.arm])
-
-    def _unseen(self, made: TimedMotion, holding: Holding) -> float | None:
-        """How much of a motion no sensor looked at."""
-        problem, space = self._poses.problem, self._poses.problem.environment.seen_space
-        if space is None:
-            return None
-        return unseen_share(
-            space,
-            problem.robot,
-            problem.q_start,
-            holding.moving.arm,
-            problem.body,
-            holding.grasp,
-            made.trajectory,
-            made.retreat,
-        )
 
     def _terms(self, goal: Goal) -> tuple[tuple[str, float], ...]:
         """What a placement there is judged by, and what is required of it, by name."""

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.shapes import ConvexSet
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.freespace import SeenSpace
@@ -24,29 +24,24 @@ _COARSE = 64
 
 
 def unseen_share(
-    space: SeenSpace,
-    robot: Robot,
-    q_start: Array,
-    arm: Arm,
-    body: Body,
-    grasp: int,
-    to: Trajectory,
-    back: Trajectory | None,
-) -> float:
+    problem: Problem, arm: Arm, grasp: int, to: Trajectory, back: Trajectory | None
+) -> float | None:
     """Of the ways of all points of arm, hand and held object, how much is where no sensor looked.
 
     Unseen is what `SeenSpace.unseen` says, but where the robot and the object are at the start.
 
     Args:
-        q_start: (nq,) of all joints.
-        to: with the object in that grasp.
+        to: from the problem's start, with the object in that grasp.
         back: the retreat without it; None without one.
 
     Returns:
-        0 to 1, by length.
+        0 to 1, by length; None where no sensor's place is known.
     """
+    robot, q_start, space = problem.robot, problem.q_start, problem.environment.seen_space
+    if space is None:
+        return None
     T_tip_object = arm.grasps[grasp]
-    held = _thinned(body.volume_points) @ T_tip_object.rotation.T + T_tip_object.translation
+    held = _thinned(problem.body.volume_points) @ T_tip_object.rotation.T + T_tip_object.translation
     own = _moving_points(robot, arm)
     tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
     in_joint = held @ tip.placement.rotation.T + tip.placement.translation

@@ -130,20 +130,27 @@ def seen_past(at, blocked):
     return SeenSpace.around(obstacles, [View(ends, eye)], volume, at - 1.0, at + 1.0)
 
 
+def share_of(space, lifting, path):
+    robot, q, arm, body, *_ = lifting
+    around = SimpleNamespace(seen_space=space)
+    problem = SimpleNamespace(robot=robot, q_start=q, body=body, environment=around)
+    return unseen_share(problem, arm, 0, path, None)
+
+
 def test_only_a_motion_that_cuts_the_board_has_a_share_unseen(lifting):
-    robot, q, arm, body, path, middle = lifting
+    *_, path, middle = lifting
     through = seen_past(middle, middle[2])
-    share = unseen_share(through, robot, q, arm, body, 0, path, None)
+    share = share_of(through, lifting, path)
     assert 0.001 < share < 0.5
     beside = seen_past(middle, middle[2] + 0.45)
-    assert unseen_share(beside, robot, q, arm, body, 0, path, None) == 0.0
+    assert share_of(beside, lifting, path) == 0.0
 
 
 def test_where_the_robot_is_at_the_start_is_not_unseen(lifting):
-    robot, q, arm, body, path, _ = lifting
+    robot, q, arm, _, path, _ = lifting
     start = (robot.link_pose(q, arm.tip_frame) * arm.grasps[0]).translation
     space = seen_past(start, start[2])
     times, zero = np.array([0.0, 1.0]), np.zeros((2, len(arm.joints)))
     hold = Trajectory(arm.joints, times, np.tile(q[arm.q_index], (2, 1)), zero, zero)
-    assert unseen_share(space, robot, q, arm, body, 0, hold, None) == 0.0
-    assert unseen_share(space, robot, q, arm, body, 0, path, None) < 0.2
+    assert share_of(space, lifting, hold) == 0.0
+    assert share_of(space, lifting, path) < 0.2

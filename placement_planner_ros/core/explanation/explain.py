@@ -191,9 +191,9 @@ def _out_of_reach(search: Search) -> dict[str, float]:
 def _required_in_words(search: Search) -> str:
     """Required terms that no pose reaches, with what is asked and what is proven to be most."""
     bound, cells = search.bounds.required, search.hierarchy.sets.cells
-    if not search.bounds.turned(cells).all():
+    if bound is None or not search.bounds.turned(cells).all():
         return ""
-    most = bound.most(search.bounds.ranges(cells))
+    most = bound.most_around(search.bounds.ranges(cells))
     # of each term not even the most that any pose can have is enough
     low = [
         f"{name} {bound.at_least[name]:g} is asked, {float(values.max()):.3g} is the most"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
@@ -150,17 +151,8 @@ def ask_objective(objective: object, ask: Callable[[], _Said]) -> _Said:
         if type(objective).__module__.startswith(f"{__package__}."):
             raise
         remedy = "the objective raised this; mend it, or choose another"
-        said = f"{type(error).__name__}: {_error_words(error)}"
+        said = sayable(traceback.format_exception_only(error)[-1].strip())
         raise ParameterError("objective", said, remedy) from error
-
-
-def _error_words(error: BaseException) -> str:
-    """What somebody else's error says, as text that can be sent and logged."""
-    try:
-        words = str(error)
-    except Exception as unsaid:
-        return f"its words raise {type(unsaid).__name__}"
-    return sayable(words)
 
 
 def evaluate_objective(objective: Objective, T_world_object: pin.SE3) -> float:

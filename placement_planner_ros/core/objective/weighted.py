@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
@@ -48,8 +49,8 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
 """Terms by name."""
 _STEPS = np.array([1e-3, 1e-3, 5e-3])
 """m, m and rad of the differences that gradients are taken from."""
-_TERM_ROUNDING = 1e-9
-"""By so much a required term may be too low."""
+_TERM_ROUNDING = 1e-6
+"""By so much a required term may be too low, in its unit."""
 
 
 class PlugInTerm:
@@ -256,6 +257,18 @@ class Requirements:
                 short = least - term.values(T_world_object[rows])
                 total[rows] += np.where(short > _TERM_ROUNDING, short, 0.0) / term.scale
         return total
+
+    def most_around(self, ranges: PoseRanges) -> dict[str, Array]:
+        """(n,) of each, by its name, what it is at most at any pose of each range: of those that
+        change slowly by what they are in its middle, of others by their ends."""
+        return {name: term_ends(term, ranges)[1] for name, term, _ in self.terms_asked}
+
+    def impossible(self, ranges: PoseRanges) -> npt.NDArray[np.bool_]:
+        """(n,) ranges at all of whose poses one of them is too low."""
+        most, least = self.most_around(ranges), self.at_least
+        # Arithmetic may be off by as much again.
+        low = [most[name] < least[name] - 2.0 * _TERM_ROUNDING for name in most]
+        return np.asarray(np.any(low, axis=0))
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
         """The value of each by its name, in its own unit."""

@@ -15,7 +15,6 @@ from placement_planner_ros.core.objective.objective import Objective, PoseRanges
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.required_bounds import RequiredBound
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, PoseSets, sets_of
 from placement_planner_ros.core.search.pruning import Ruling
@@ -79,7 +78,7 @@ class BranchBounds:
         objective: ξ.
 
     Attributes:
-        required: what of required terms is known of whole cells.
+        required: the terms that are required, or None.
         bounded: whether anything is known of ξ; not where objects may lean.
         turn_radius: m that one radian counts as: half the size of the object.
     """
@@ -97,7 +96,7 @@ class BranchBounds:
         self._reach = _Reach(poses.contacts, holdings)
         frames = [frame for frame in poses.contacts.frames if frame is not None]
         self._T_face_object = np.array([frame.homogeneous for frame in frames])
-        self.required = RequiredBound(poses)
+        self.required = poses.required
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
         slow = isinstance(objective, SlowObjective) and objective.bounded
@@ -147,7 +146,8 @@ class BranchBounds:
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         # Where several hold, the last one written is told.
         result[self._overlap.overlapping(ranges)] = Ruling.COLLIDING
-        result[self.required.lacking(ranges)] = Ruling.BREAKS_RULE
+        if self.required is not None:
+            result[self.required.impossible(ranges)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -25,9 +25,12 @@ from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
 _TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
+_GROUPED_POSES = 16
+"""Poses of which the best is reached for first: of more, the best are the hardest to reach."""
 
 
-class Wanted(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Wanted:
     """A pose x to be reached, what it rests with and on, and ξ(x)."""
 
     contact: Contact
@@ -72,7 +75,7 @@ class GoalFinder:
 
     def check_batch(
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome:
+    ) -> Outcome | None:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
         # Cheap constraints of all draws at once.
         lacking = np.zeros(len(draws.face))
@@ -87,13 +90,15 @@ class GoalFinder:
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
-        # Those that would be better are to be reached, one at a time.
+        # Those that would be better are to be reached, of some at a time the best first.
         found: list[Goal] = []
-        for row in free[values[free] > best]:
+        better = free[values[free] > best]
+        group = np.arange(len(better)) // _GROUPED_POSES
+        for row in better[np.lexsort((-values[better], group))].tolist():
             if should_stop():
-                return Outcome(verdicts[:row], values[:row], found)
-            wanted = Wanted(_contact_of(draws, int(row)), pin.SE3(T[row]), float(values[row]))
-            reached = self._reach_any(draws, int(row), wanted, best, should_stop)
+                return None
+            wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))
+            reached = self._reach_any(draws, row, wanted, best, should_stop)
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
                 if reached <= Verdict.NOT_BETTER:  # turned as the arm can
@@ -105,7 +110,7 @@ class GoalFinder:
             values[row] = reached.objective
             found.append(reached)
             if len(found) == goals:
-                return Outcome(verdicts[: row + 1], values[: row + 1], found)
+                break
         return Outcome(verdicts, values, found)
 
     def _values(self, T: Array, best: float) -> Array:
@@ -179,7 +184,7 @@ class GoalFinder:
             yield wanted, Verdict.NO_IK
         # A pose turned otherwise is judged anew.
         for x, Q in places:
-            turned = wanted if x is wanted.x else wanted._replace(x=x)
+            turned = wanted if x is wanted.x else replace(wanted, x=x)
             verdict = Verdict.FEASIBLE
             if turned is not wanted:
                 turned, verdict = self._judged(turned, best)
@@ -193,7 +198,7 @@ class GoalFinder:
         verdict = self._poses.verdict(pose.x, pose.contact)
         if verdict is not Verdict.FEASIBLE:
             return pose, verdict
-        pose = pose._replace(value=evaluate_objective(self._objective, pose.x))
+        pose = replace(pose, value=evaluate_objective(self._objective, pose.x))
         return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
 
     def _reach_goal(self, holding: Holding, wanted: Wanted) -> Goal | Verdict:

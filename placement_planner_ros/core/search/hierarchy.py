@@ -73,8 +73,7 @@ class AfrHierarchy:
         turns: in which θ a face may be placed on a region; in all unless given.
 
     Attributes:
-        pose_sets: per face, the regions that it may be placed on and the ranges of θ there.
-        sets: the same, one a row.
+        sets: of each face, the regions that it may be placed on and the ranges of θ there.
         usable: the faces that have any.
     """
 
@@ -94,18 +93,15 @@ class AfrHierarchy:
         self.regions = tuple(regions)
         self.settings = settings
         of = turns or (lambda face, region: EVERY_TURN)
-        self.pose_sets = tuple(
-            tuple((r, *range_) for r in self.regions for range_ in of(face, r))
-            for face in range(faces)
-        )
-        self.usable = tuple(face for face in range(faces) if self.pose_sets[face] or not regions)
-        number = {region: k for k, region in enumerate(self.regions)}
         rows = [
-            (face, number[region], low, high)
+            (face, number, *ends)
             for face in range(faces)
-            for region, low, high in self.pose_sets[face]
+            for number, region in enumerate(self.regions)
+            for ends in of(face, region)
         ]
         self.sets = PoseSets(self.regions, rows)
+        self._rows = [np.flatnonzero(self.sets.face == face).tolist() for face in range(faces)]
+        self.usable = tuple(face for face in range(faces) if self._rows[face] or not regions)
         self.root = AfrNode()
         self._arms = [arm for arm, grasps in enumerate(grasps_per_arm) if grasps > 0]
         self._split: dict[Region, tuple[Region, ...]] = {}
@@ -119,7 +115,7 @@ class AfrHierarchy:
         if node.face is None:
             return len(self.usable)
         if node.region is None:
-            return len(self.pose_sets[node.face])
+            return len(self._rows[node.face])
         count = len(self._parts(node.region)) * self._pieces(node)
         return count if count > 1 else 0
 
@@ -132,7 +128,11 @@ class AfrHierarchy:
         if node.face is None:
             return AfrNode(node.arm, node.grasp, self.usable[index])
         if node.region is None:
-            return AfrNode(node.arm, node.grasp, node.face, *self.pose_sets[node.face][index])
+            row = self._rows[node.face][index]
+            region, ends = self.regions[self.sets.region[row]], (self.sets.low, self.sets.high)
+            return AfrNode(
+                node.arm, node.grasp, node.face, region, *(float(e[row, 2]) for e in ends)
+            )
         pieces = self._pieces(node)
         # Which part of the region, and which interval of the angle.
         part, piece = divmod(index, pieces)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from placement_planner_ros.core.search.sampler import (
 )
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.settings import setting
-from placement_planner_ros.core.types import Goal, Verdict
+from placement_planner_ros.core.types import Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +36,10 @@ class MctsSettings(SamplerSettings):
     max_nodes: int = setting(200_000, "[1, inf)")
 
 
-def checks_passed(verdict: int, better: bool = True) -> float:
+def checks_passed(verdict: int) -> float:
     """H(x, q, ξ_best) ∈ [0, 1]: the share of the ordered checks passed, the rules of users and
-    ξ > ξ_best being one.
-
-    Args:
-        better: False for what it becomes once the sample no longer beats ξ_best.
-    """
-    passed = verdict if better else min(verdict, int(Verdict.NOT_BETTER))
-    passed -= passed > Verdict.BREAKS_RULE
+    ξ > ξ_best being one."""
+    passed = verdict - (verdict > Verdict.BREAKS_RULE)
     return passed / (int(Verdict.FEASIBLE) - 1)
 
 
@@ -68,25 +62,20 @@ class MctsSampler(BatchSampler):
         rng: np.random.Generator,
     ) -> None:
         super().__init__(checker, settings)
-        self.tree = SearchTree(
-            hierarchy, hierarchy.MIN_SAMPLE_DEPTH, settings.exploration, settings.max_nodes, rng
-        )
+        self.tree = SearchTree(hierarchy, settings.exploration, settings.max_nodes, rng)
         self._rng = rng
         self._selected: list[int] = []  # the nodes drawn from last
 
-    def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
-        """Algorithm 2; first the rewards of samples that no longer beat `best` are set right."""
-        self.tree.raise_threshold(best)
-        return super().sample_goals(best, should_stop)
-
-    def _draw(self, most: int, best: float) -> Draws:
+    def _draw(self, best: float) -> Draws:
         """A pose from each node that Algorithm 3 selects for the batch."""
+        # Each selected node counts as visited, without reward, until all are selected.
         self._selected = []
-        # Select and hold nodes, so that the next ones differ.
-        for _ in range(min(most, self._budget.batch)):
+        for _ in range(self._budget.batch):
             self._selected.append(self.tree.select())
-            self.tree.hold(self._selected[-1])
-        nodes = [self.tree[n] for n in self._selected]
+            self.tree.update(self._selected[-1], 1, 0.0)
+        for node in self._selected:
+            self.tree.update(node, -1, 0.0)
+        nodes = [self.tree.nodes[n] for n in self._selected]
         poses = [node.sample(self._rng) for node in nodes]
         return Draws(
             np.array([node.arm for node in nodes]),
@@ -99,14 +88,8 @@ class MctsSampler(BatchSampler):
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """Update: Δr of each sample, to its node and the ancestors."""
-        # Take back what was held, and add the rewards.
-        for node in self._selected:
-            self.tree.release(node)
-        samples = zip(outcome.verdicts.tolist(), outcome.values.tolist(), strict=True)
-        for k, (verdict, value) in enumerate(samples):
+        for node, verdict in zip(self._selected, outcome.verdicts.tolist(), strict=True):
             # A leaf is rewarded where it is feasible, others by the checks passed.
-            if self.tree.is_leaf(self._selected[k]):
-                reward, demoted = float(verdict == Verdict.FEASIBLE), 0.0
-            else:
-                reward, demoted = checks_passed(verdict), checks_passed(verdict, better=False)
-            self.tree.update(self._selected[k], reward, value, demoted)
+            feasible = float(verdict == Verdict.FEASIBLE)
+            leaf = self.tree.is_leaf(node)
+            self.tree.update(node, 1, feasible if leaf else checks_passed(verdict))

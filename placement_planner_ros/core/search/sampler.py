@@ -21,7 +21,7 @@ class SamplerSettings(Settings):
     """Budgets of SampleGoals.
 
     Attributes:
-        samples_per_call: g_max, samples tried in one call at most.
+        samples_per_call: g_max, samples after which a call ends with its batch.
         goals_per_call: a call ends once it has found that many goals.
         batch: samples whose cheap checks are made together.
     """
@@ -54,13 +54,14 @@ class Draws:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What became of the first m draws.
+    """What became of a batch of draws.
 
     Attributes:
-        verdicts: (m,) of each.
-        values: (m,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
+        verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach once there
+            were enough goals.
+        values: (n,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
-        goals: those found, in order.
+        goals: those found, in the order of the tries.
     """
 
     verdicts: Index
@@ -73,12 +74,10 @@ class GoalChecker(Protocol):
 
     def check_batch(
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome:
-        """Each up to the first check that fails, cheap checks first.
-
-        Ends with the draw that gives the last of so many goals, or when told to stop; draws after
-        it do not count.
-        """
+    ) -> Outcome | None:
+        """Each up to the first check that fails, cheap checks first, and then those that are better
+        than `best` one after the other until there are so many goals; None where it was told to
+        stop before."""
         ...
 
 
@@ -150,22 +149,23 @@ class BatchSampler(ABC):
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """Goals better than `best`; ends at its budgets or when told to stop."""
         goals: list[Goal] = []
-        left, wanted = self._budget.samples_per_call, self._budget.goals_per_call
-        while left > 0 and len(goals) < wanted and not should_stop():
+        tried, wanted = 0, self._budget.goals_per_call
+        while tried < self._budget.samples_per_call and len(goals) < wanted and not should_stop():
             # A batch: draw, check, learn.
-            draws = self._draw(left, best)
+            draws = self._draw(best)
             outcome = self._checker.check_batch(draws, best, wanted - len(goals), should_stop)
+            if outcome is None:
+                break
             self._learn(outcome, best)
-            tried = len(outcome.verdicts)
-            self.count.add(outcome.verdicts, draws.face[:tried])
-            left -= tried
+            self.count.add(outcome.verdicts, draws.face)
+            tried += len(draws.face)
             goals += outcome.goals
         return goals
 
     @abstractmethod
-    def _draw(self, most: int, best: float) -> Draws:
-        """The next poses to check, one at least and `most` at most."""
+    def _draw(self, best: float) -> Draws:
+        """The next poses to check, one at least."""
 
     @abstractmethod
     def _learn(self, outcome: Outcome, best: float) -> None:
-        """What became of the first of the poses drawn last; the others count as never drawn."""
+        """What became of the poses drawn last."""

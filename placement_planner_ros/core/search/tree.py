@@ -1,21 +1,21 @@
 """Monte-Carlo tree over any `Hierarchy`: UCB1 with child addition (Algorithm 3).
 
-The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
-flat arrays, so that one descent is one compiled call.
+The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in flat arrays, so that one descent is one compiled call.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
+
+Links = npt.NDArray[np.int32]
+Counts = npt.NDArray[np.int64]
 
 N = TypeVar("N")
 
@@ -30,9 +30,9 @@ def _descend_tree(
     min_depth: int,
     c: float,
     may_add: bool,
-    links: tuple[np.ndarray, np.ndarray],
-    children: tuple[np.ndarray, np.ndarray],
-    counts: tuple[np.ndarray, np.ndarray],
+    links: tuple[Links, Links],
+    children: tuple[Links, Links],
+    counts: tuple[Counts, Array],
 ) -> tuple[int, int, bool]:
     """Follow SelectChild (Algorithm 3) from `node` until one is to be sampled or a child added.
 
@@ -55,9 +55,7 @@ def _descend_tree(
         if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
             return node, depth, False
         if total[node] == _UNKNOWN or added[node] == 0:
-            if depth >= min_depth and not may_add:
-                return node, depth, False
-            return node, depth, True
+            return node, depth, depth < min_depth or may_add
         # UCB1 of the children in the tree.
         log_visits = np.log(visits[node])
         best, best_child, mean_sum = -np.inf, -1, 0.0
@@ -87,14 +85,10 @@ def _descend_tree(
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _propagate_reward(
-    node: int,
-    visit: int,
-    reward: float,
-    parent: np.ndarray,
-    visits: np.ndarray,
-    rewards: np.ndarray,
+    node: int, visit: int, reward: float, parent: Links, counts: tuple[Counts, Array]
 ) -> None:
     """Add to v and r of a node and of all above it."""
+    visits, rewards = counts
     # From the node up to the root.
     while node >= 0:
         visits[node] += visit
@@ -103,12 +97,15 @@ def _propagate_reward(
 
 
 class Hierarchy(Protocol[N]):
-    """What a tree needs to know of the nodes it searches."""
+    """What a tree needs to know of the nodes it searches.
 
-    @property
-    def root(self) -> N:
-        """The node everything else lies below."""
-        ...
+    Attributes:
+        root: the node everything else lies below, at depth 0.
+        MIN_SAMPLE_DEPTH: depth from which nodes can be sampled.
+    """
+
+    root: N
+    MIN_SAMPLE_DEPTH: int
 
     def child_count(self, node: N) -> int:
         """|Ch(n)|; 0 for a leaf."""
@@ -120,179 +117,78 @@ class Hierarchy(Protocol[N]):
 
 
 class SearchTree(Generic[N]):
-    """G_s: the part of a hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
+    """G_s: the part of the hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
 
     Args:
         hierarchy: Ch(n); asked for a child only when it is added.
-        min_depth: depth from which nodes can be sampled (the root has depth 0).
-        exploration: c of UCB1, ≥ 0.
-        max_nodes: once reached, no further child is added below `min_depth`.
+        exploration: c of UCB1.
+        max_nodes: once reached, no further child is added below the depth from which nodes can be
+            sampled.
         rng: chooses which child is added next.
 
-    Raises:
-        ParameterError: `exploration` is negative or `max_nodes` too small.
+    Attributes:
+        nodes: what is in the tree, the root first.
+        parent: of each.
+        visits, rewards: v(n) and r(n).
     """
 
     def __init__(
-        self,
-        hierarchy: Hierarchy[N],
-        min_depth: int,
-        exploration: float,
-        max_nodes: int,
-        rng: np.random.Generator,
+        self, hierarchy: Hierarchy[N], exploration: float, max_nodes: int, rng: np.random.Generator
     ) -> None:
-        if not exploration >= 0.0:
-            raise ParameterError("exploration", exploration, "must be zero or larger")
-        if max_nodes < 2:
-            raise ParameterError("max_nodes", max_nodes, "must be at least 2")
         self._hierarchy = hierarchy
-        self._min_depth = min_depth
         self._exploration = exploration
         self._max_nodes = max_nodes
         self._rng = rng
-        self._payload: list[N] = []
-        self._waiting: dict[int, list[int]] = {}
-        self._allocate(1024)
-        self._new_node(hierarchy.root, -1)
-        self._threshold = -np.inf
-        self._records: list[tuple[float, int, int, float]] = []
-        self._record_count = itertools.count()
-
-    def __len__(self) -> int:
-        return len(self._payload)
-
-    def __getitem__(self, node: int) -> N:
-        return self._payload[node]
-
-    def visits(self, node: int) -> int:
-        """v(n)."""
-        return int(self._visits[node])
-
-    def reward(self, node: int) -> float:
-        """r(n)."""
-        return float(self._rewards[node])
-
-    def added_children(self, node: int) -> list[int]:
-        """Ch(n, G_s)."""
-        found = []
-        child = int(self._first_child[node])
-        while child >= 0:
-            found.append(child)
-            child = int(self._next_sibling[child])
-        return found
-
-    def is_leaf(self, node: int) -> bool:
-        """Whether the hierarchy has no children below this node."""
-        if self._total[node] == _UNKNOWN:
-            self._total[node] = self._hierarchy.child_count(self._payload[node])
-        return bool(self._total[node] == 0)
+        self._waiting: dict[int, list[int]] = {}  # children that are not in the tree yet
+        # Room for a few more, that are added above where nodes are sampled.
+        size = max_nodes + hierarchy.MIN_SAMPLE_DEPTH
+        self.parent, self._first_child, self._next_sibling = np.full((3, size), -1, np.int32)
+        self._added, self._total = np.zeros(size, np.int32), np.full(size, _UNKNOWN, np.int32)
+        self.visits, self.rewards = np.zeros(size, np.int64), np.zeros(size)
+        self.nodes: list[N] = [hierarchy.root]
 
     def select(self) -> int:
-        """SelectAfrNode: the node to sample next, by UCB1 from the root on.
-
-        Raises:
-            ParameterError: the hierarchy ends above `min_depth`.
-        """
-        node, depth = 0, 0
+        """SelectAfrNode: the node to sample next, by UCB1 from the root on."""
+        node, depth, add = 0, 0, True
         while True:
             # Down as far as the tree goes, in one compiled call.
             node, depth, add = _descend_tree(
                 node,
                 depth,
-                self._min_depth,
+                self._hierarchy.MIN_SAMPLE_DEPTH,
                 self._exploration,
-                len(self._payload) < self._max_nodes,
+                len(self.nodes) < self._max_nodes,
                 (self._first_child, self._next_sibling),
                 (self._added, self._total),
-                (self._visits, self._rewards),
+                (self.visits, self.rewards),
             )
-            if not add:
-                return node
-            if self.is_leaf(node):
-                if depth < self._min_depth:
-                    raise ParameterError(
-                        "hierarchy", self._payload[node], "has no children to choose from"
-                    )
+            if not add or self.is_leaf(node):
                 return node
             # Add a child, and go on from there.
             if self._added[node] < self._total[node]:
                 node = self._add_child(node)
                 depth += 1
 
-    def hold(self, node: int) -> None:
-        """Count a visit whose reward is not known yet, as if it were 0, until `release`."""
-        _propagate_reward(node, 1, 0.0, self._parent, self._visits, self._rewards)
+    def is_leaf(self, node: int) -> bool:
+        """Whether the hierarchy has no children below this node."""
+        if self._total[node] == _UNKNOWN:
+            self._total[node] = self._hierarchy.child_count(self.nodes[node])
+        return bool(self._total[node] == 0)
 
-    def release(self, node: int) -> None:
-        """Take back what `hold` counted."""
-        _propagate_reward(node, -1, 0.0, self._parent, self._visits, self._rewards)
-
-    def update(self, node: int, reward: float, value: float, demoted: float) -> None:
-        """Update: one more sample of `node`, propagated to its ancestors.
-
-        Args:
-            reward: Δr(n).
-            value: ξ of the sample where it beat the threshold, else -inf.
-            demoted: what the reward becomes once the threshold has risen to `value` or above.
-        """
-        if value <= self._threshold:
-            value = -np.inf
-        _propagate_reward(node, 1, reward, self._parent, self._visits, self._rewards)
-        # Remember what the reward becomes once ξ_best rises to the value.
-        if value > -np.inf and reward != demoted:
-            record = (value, next(self._record_count), node, demoted - reward)
-            heapq.heappush(self._records, record)
-            # Where there are too many, the lowest is demoted early.
-            if len(self._records) > self._max_nodes:
-                self._demote(heapq.heappop(self._records))
-
-    def raise_threshold(self, value: float) -> None:
-        """ξ_best rose: samples that no longer beat it count as what they now are."""
-        self._threshold = max(self._threshold, value)
-        while self._records and self._records[0][0] <= value:
-            self._demote(heapq.heappop(self._records))
-
-    def _demote(self, record: tuple[float, int, int, float]) -> None:
-        _propagate_reward(record[2], 0, record[3], self._parent, self._visits, self._rewards)
+    def update(self, node: int, visits: int, reward: float) -> None:
+        """Update: add to v and r of a node and of its ancestors."""
+        _propagate_reward(node, visits, reward, self.parent, (self.visits, self.rewards))
 
     def _add_child(self, node: int) -> int:
-        # The children that are not in the tree yet.
-        waiting = self._waiting.get(node)
-        if waiting is None:
-            waiting = self._waiting[node] = list(range(int(self._total[node])))
-        # One of them at random, swapped to the end to be taken from there.
+        # One of those that are not in the tree yet, swapped to the end to be taken from there.
+        waiting = self._waiting.setdefault(node, list(range(int(self._total[node]))))
         pick = int(self._rng.integers(len(waiting)))
         waiting[pick], waiting[-1] = waiting[-1], waiting[pick]
-        child = self._new_node(self._hierarchy.child(self._payload[node], waiting.pop()), node)
-        if not waiting:
-            del self._waiting[node]
+        child = len(self.nodes)
+        self.nodes.append(self._hierarchy.child(self.nodes[node], waiting.pop()))
         # It comes before its siblings.
+        self.parent[child] = node
         self._next_sibling[child] = self._first_child[node]
         self._first_child[node] = child
         self._added[node] += 1
         return child
-
-    def _new_node(self, payload: N, parent: int) -> int:
-        node = len(self._payload)
-        # Twice the room where all is used.
-        if node == len(self._parent):
-            self._allocate(2 * node)
-        self._payload.append(payload)
-        self._parent[node] = parent
-        return node
-
-    def _allocate(self, size: int) -> None:
-        def grown(name: str, fill: float, dtype: type) -> np.ndarray:
-            array: np.ndarray = np.full(size, fill, dtype=dtype)
-            old: Array | None = getattr(self, name, None)
-            if old is not None:
-                array[: len(old)] = old
-            return array
-
-        self._parent = grown("_parent", -1, np.int32)
-        self._first_child = grown("_first_child", -1, np.int32)
-        self._next_sibling = grown("_next_sibling", -1, np.int32)
-        self._added = grown("_added", 0, np.int32)
-        self._total = grown("_total", _UNKNOWN, np.int32)
-        self._visits = grown("_visits", 0, np.int64)
-        self._rewards = grown("_rewards", 0.0, np.float64)

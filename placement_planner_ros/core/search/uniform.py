@@ -79,8 +79,8 @@ class UniformSampler(BatchSampler):
         self._grasps = np.array(hierarchy.grasps_per_arm)
         self._arms = np.flatnonzero(self._grasps)
 
-    def _draw(self, most: int, best: float) -> Draws:
-        count = min(most, self._budget.batch)
+    def _draw(self, best: float) -> Draws:
+        count = self._budget.batch
         arm = self._arms[self._rng.integers(len(self._arms), size=count)]
         draws = self._sets.draws(*self._poses.draw(count))
         return replace(draws, arm=arm, grasp=self._rng.integers(self._grasps[arm]))

@@ -1,18 +1,12 @@
 """SampleGoals on a plane with a known valid part: rewards, budgets, ablation, concentration."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import (
-    LOWER,
-    UPPER,
-    Y,
-)
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y
 from placement_planner_ros.core.search.expected_improvement import ImprovementModel
 from placement_planner_ros.core.search.hierarchy import (
     AfrHierarchy,
@@ -20,10 +14,7 @@ from placement_planner_ros.core.search.hierarchy import (
     HierarchySettings,
 )
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
-from placement_planner_ros.core.search.optimistic import (
-    OptimisticSampler,
-    OptimisticSettings,
-)
+from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
@@ -45,12 +36,12 @@ class CornerChecker:
         for arm, contact, angle in zip(draws.arm, draws.contact, draws.angle, strict=True):
             self.contacts.append(np.array([*contact[:2], angle, arm]))
             verdict, value = self.judge(arm, contact, angle, best)
+            if verdict > Verdict.NOT_BETTER and len(found) == goals:
+                verdict = Verdict.NOT_BETTER
             verdicts.append(int(verdict))
             values.append(value)
             if verdict is Verdict.FEASIBLE:
                 found.append(Goal("b", 0, 0, pin.SE3.Identity(), 0.0, np.zeros((1, 7)), value))
-                if len(found) == goals:
-                    break
         return Outcome(np.array(verdicts), np.array(values), found)
 
     def judge(self, arm, contact, angle, best) -> tuple[Verdict, float]:
@@ -120,9 +111,9 @@ def test_division_ends_at_the_minimal_area_and_angle():
 
 @pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_a_call_ends_at_its_budgets(kind):
-    made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000)
+    made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000, batch=10)
     made.sample_goals(-np.inf, never)
-    assert made.count.samples == 30
+    assert 30 <= made.count.samples <= 40
     made, _ = sampler(kind, samples_per_call=100_000, goals_per_call=2)
     assert len(made.sample_goals(-np.inf, never)) == 2
     before = made.count.samples
@@ -159,7 +150,7 @@ def test_goals_beat_the_best_value_and_the_counts_add_up(kind):
     goals = made.sample_goals(-0.05, never)
     assert goals
     assert all(goal.objective > -0.05 for goal in goals)
-    assert sum(made.count.verdicts.values()) == made.count.samples == 2000
+    assert sum(made.count.verdicts.values()) == made.count.samples >= 2000
     assert made.count.verdicts[Verdict.FEASIBLE] == len(goals)
 
 
@@ -210,19 +201,19 @@ def test_what_is_better_and_hard_to_reach_is_not_put_aside():
 
 def test_tries_that_fail_in_one_part_say_little_of_the_others():
     model = ImprovementModel(1)
-    whole = model.add_node(0)
-    parts = [model.add_node(whole) for _ in range(2)]
-    no, yes = np.array([Verdict.NO_IK]), np.array([Verdict.FEASIBLE])
-    state = model.coarse(parts)
+    whole = model.add_nodes(np.array([0]))
+    parts = model.add_nodes(np.repeat(whole, 2))
     for _ in range(1000):
-        model.learn(state[:1], no, np.ones(1), 0.0)
-    hopeless, other = (model.outlook(part)[0] for part in parts)
-    assert hopeless < 0.002
-    assert other > 10.0 * hopeless
+        model.count_try(int(parts[0]), reached=False)
+    assert model.chances(parts)[0] < 0.002
+    assert model.chances(whole)[0] < 0.2 * model.chances(parts)[1]
+    # What is split from now on is expected to be as the whole, until it is known better.
+    later = int(model.add_nodes(whole)[0])
+    assert model.chances(np.array([later])) == model.chances(whole)
     for _ in range(10):
-        model.learn(state[1:], yes, np.ones(1), 0.0)
-    assert model.outlook(parts[1])[0] > 0.8
-    assert model.outlook(parts[0])[0] < 0.01
+        model.count_try(later, reached=True)
+    assert model.chances(np.array([later]))[0] > 0.8
+    assert model.chances(parts)[0] < 0.002
 
 
 @pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
@@ -277,7 +268,7 @@ def test_it_goes_on_where_pruning_leaves_next_to_nothing():
     afr, rng = hierarchy(min_area=1e-6), np.random.default_rng(0)
     made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
     assert made.sample_goals(-1e-9, never) == []
-    assert len(checker.contacts) == 5000
+    assert len(checker.contacts) >= 5000
 
 
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
@@ -309,22 +300,20 @@ def test_uniform_poses_lie_on_their_region(kind):
 
 
 @pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
-def test_what_a_stop_leaves_unchecked_counts_as_never_drawn(kind):
-    """The checker returns the first seven of the second batch only."""
+def test_a_batch_whose_check_was_stopped_counts_as_never_drawn(kind):
     made, checker = sampler(kind, samples_per_call=1000, goals_per_call=10_000, batch=16)
     check, sizes = checker.check_batch, []
 
-    def stopping(draws, best, goals, should_stop):
-        outcome = check(draws, best, goals, should_stop)
+    def stopping(draws, *arguments):
         sizes.append(len(draws.face))
-        if len(sizes) == 2:
-            outcome = replace(outcome, verdicts=outcome.verdicts[:7], values=outcome.values[:7])
-        return outcome
+        return check(draws, *arguments) if len(sizes) < 3 else None
 
     checker.check_batch = stopping
-    made.sample_goals(0.5, lambda: len(sizes) == 2)
-    assert sizes == [16, 16]
-    assert made.count.samples == sum(made.count.verdicts.values()) == 23
+    made.sample_goals(-np.inf, never)
+    assert len(sizes) == 3
+    assert made.count.samples == sum(made.count.verdicts.values()) == sum(sizes[:2])
+    if kind is MctsSampler:
+        assert made.tree.visits[0] == 32
 
 
 @pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
