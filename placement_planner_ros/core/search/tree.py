@@ -1,6 +1,7 @@
 """Monte-Carlo tree over any `Hierarchy`: UCB1 with child addition (Algorithm 3).
 
-The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in flat arrays, so that one descent is one compiled call.
+The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
+flat arrays, so that one descent is one compiled call.
 """
 
 from __future__ import annotations
