@@ -23,7 +23,7 @@ _CELLS_AT_ONCE = 32
 """Cells that are taken apart together: enough to make use of arrays, few enough to go deep."""
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.05
+_PARTS_PER_SAMPLE = 0.1
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 
 
