@@ -13,7 +13,6 @@ from placement_planner_ros.core.collision.shapes import ConvexSet
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.scene.freespace import SeenSpace
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Trajectory
 
