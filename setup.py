@@ -36,14 +36,14 @@ ROS_WHEELS = [
     "ros-rclpy[fastrtps]>=7.1.6,<7.2",
 ]
 
-PICTURES = ["pillow>=10.1,<14"]
+PICTURES = ["matplotlib>=3.8,<4", "pillow>=10.1,<14"]
 YAML = ["PyYAML>=6,<7"]
 
 ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES, *YAML]
 
 # What `python -m benchmarks` needs in a checkout.
 BENCHMARKS = [
-    "matplotlib>=3.8,<4",
+    *PICTURES,
     "ompl>=2.0,<3",
     "psutil>=5.9,<8",
     *YAML,

@@ -28,7 +28,12 @@ from placement_planner_ros.demo.processes import (
     node_running,
     page_served,
 )
-from placement_planner_ros.demo.results import leg_of, require_folder, write_pictures
+from placement_planner_ros.demo.results import (
+    leg_of,
+    require_folder,
+    write_objective_plot,
+    write_pictures,
+)
 from placement_planner_ros.demo.search import search, wait_until_ready
 from placement_planner_ros.demo.setting import Setting, bundled, of_file
 from placement_planner_ros.demo.tour import THINGS, Tour
@@ -152,7 +157,8 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
                 legs = _tour(Tour(planner, publisher, options.seconds, check, line), setting)
                 title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
             else:
-                best = search(planner, options.seconds, check, line)[-1]
+                found = search(planner, options.seconds, check, line)
+                best = found[-1]
                 legs, names = [leg_of("the object", setting, best)], ("placement.png", "motion.gif")
                 title = f"{setting.title}: {options.objective} {best.objective:.4f}"
         # drawing takes the processor; with the page open, the node is left running
@@ -160,6 +166,9 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             running.close()
         still, moving = (options.output / name for name in names)
         written = write_pictures(still, moving, setting, legs, title, line)
+        if not options.tour:
+            plot = options.output / "objective.png"
+            written.append(write_objective_plot(plot, found, options.objective))
         print("look at:")
         for path, words in [*written, (log, "what the node said")]:
             print(f"  {path}   {words}")

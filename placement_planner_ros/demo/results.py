@@ -1,4 +1,4 @@
-"""Pictures that the demonstration leaves: before and after, and an animation."""
+"""Pictures that the demonstration leaves: before and after, the motion, the objective over time."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from matplotlib.figure import Figure
 
 from placement_planner_ros.client import Solution
 from placement_planner_ros.demo.processes import DemoError
@@ -59,6 +60,27 @@ def write_pictures(
         (still, "before and after, with the way of the object"),
         (moving, "the whole motion, release and retreat included"),
     ]
+
+
+def write_objective_plot(path: Path, found: Sequence[Solution], objective: str) -> tuple[Path, str]:
+    """Draw the objective of the best placement over the seconds of the search; and what it shows.
+
+    Raises:
+        DemoError: the file cannot be written.
+    """
+    figure = Figure(figsize=(6.0, 3.5), layout="constrained")
+    axes = figure.subplots()
+    # each is the best one until the next has come
+    axes.step(
+        [each.search_time for each in found], [each.objective for each in found], "o-", where="post"
+    )
+    axes.set(xlabel="seconds since the start", ylabel=objective, xlim=(0.0, None))
+    axes.grid(alpha=0.3)
+    try:
+        figure.savefig(path, dpi=120)
+    except OSError as error:
+        raise _unwritten(path.parent, error) from error
+    return path, "the objective of the best placement over time"
 
 
 def _unwritten(folder: Path, error: OSError) -> DemoError:

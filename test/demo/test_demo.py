@@ -187,7 +187,7 @@ def test_the_demonstration_leaves_pictures_and_says_which(tmp_path):
     assert process.returncode == 0, out + err
     assert "the first placement came" in out
     assert "edge_margin" in out
-    for name in ("placement.png", "motion.gif", "node.log"):
+    for name in ("placement.png", "motion.gif", "objective.png", "node.log"):
         assert f"demo_output/{name}" in out
         assert (tmp_path / "demo_output" / name).stat().st_size > 500
     assert Image.open(tmp_path / "demo_output" / "motion.gif").n_frames > 20

@@ -56,7 +56,7 @@ def test_what_leans_is_drawn_with_its_wall_and_the_cones_that_hold_it():
     # The wall as far as it was measured, one plane that faces the object.
     assert len(read.wall) == 6
     assert read.wall[:, 0] == pytest.approx(0.7, abs=1e-3)
-    assert np.ptp(read.wall[:, 1:], axis=0) == pytest.approx([1.1, 0.5], abs=0.06)
+    assert np.ptp(read.wall[:, 1:], axis=0) == pytest.approx([1.2, 0.5], abs=0.06)
     assert "wall at (0.70, " in resting.on
     # What stands on a face has neither, and deletes those of the one before.
     none = np.zeros((0, 3))
