@@ -136,14 +136,14 @@ def test_of_several_grasps_those_that_lean_more_are_left_out(glass):
 
 
 def test_the_limit_is_named_where_it_leaves_no_way(glass):
-    """Half a second's worth of goals, and one iteration to get there within a hair's breadth."""
+    """Told to stop as soon as there is a goal."""
     problem, objective, _ = glass
     q = upright_start(problem, problem.arms[0], 0.05)
-    tight = settings_of(np.radians(0.1), 0.0, motion_iterations=1)
+    tight = settings_of(np.radians(0.1), 0.0)
     planner = PlacementPlanner(
         replace(problem, q_start=q), objective, tight, np.random.default_rng(0)
     )
-    assert not list(planner.run(lambda: planner.motion.goals > 5))
+    assert not list(planner.run(lambda: planner.motion.goals > 0))
     told = planner.explain()
     assert "no motion to any of them" in told.cause
     assert told.remedies[0].parameter == "carry.max_tilt"
