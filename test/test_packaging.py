@@ -180,7 +180,7 @@ def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert {name for extra in extras for name in requirements[extra]} <= set(requirements["test"])
 
 
-MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
+MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}, "pycollada": {"collada"}}
 MODULES["numba"] = {"numba", "llvmlite"}  # which it is made of, and asks for itself
 ROS_MODULES = {"rclpy", "ament_index_python", "builtin_interfaces", "rcl_interfaces"}
 ROS_MODULES |= {f"{name}_msgs" for name in ("std", "geometry", "sensor", "shape", "trajectory")}
