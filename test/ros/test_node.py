@@ -64,7 +64,7 @@ def test_parts_come_first_carry_the_key_and_are_withdrawn_by_the_next_run(bench,
             assert values[name] == value
     assert values.get("gripper_l_joint", 0.025) == 0.025
     # Markers come after the manifest, and those of the scene before those of the placement.
-    drawn = {"target_volume", "keep_out", "regions", "object", "contacts", "path"}
+    drawn = {"target_volume", "keep_out", "regions", "object", "contacts", "wall", "path"}
     b.wait(lambda: {m.ns for m in b.messages("markers")[-1].markers} == drawn)
     b.call("stop")
     started(b)
