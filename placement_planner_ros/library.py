@@ -6,7 +6,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings as CarrySettings
+from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import (
     JointStateError,
     ParameterError,
@@ -96,7 +97,7 @@ def plan(
     arms = _arms(robot, arms)
     _require(Body, "body", body, "Body.from_mesh")
     _require(TargetVolume, "volume", volume, "TargetVolume")
-    how = PlanOptions(**options)
+    how = _options(options)
     moving = [joint for arm in arms for joint in arm.joints]
     q = _configuration(robot, q_start, moving)
     robot.require_plausible(q, [joint for arm in arms for joint in arm.used_joints])
@@ -135,9 +136,21 @@ def _require(kind: type | tuple[type, ...], field: str, value: object, maker: st
         raise ParameterError(field, value, f"give what {maker}(...) makes")
 
 
+def _options(given: Mapping[str, Any]) -> PlanOptions:
+    known = [each.name for each in fields(PlanOptions)]
+    for name in given:
+        if name not in known:
+            meant = did_you_mean(name, known)
+            did = f"; did you mean {meant}?" if meant else ""
+            raise ParameterError(name, given[name], f"is none of {listed(known)}{did}")
+    return PlanOptions(**given)
+
+
 def _arms(robot: Robot, arms: Arm | Sequence[Arm]) -> tuple[Arm, ...]:
     _require(Robot, "robot", robot, "Robot.from_urdf")
-    arms = tuple(arms) if isinstance(arms, Iterable) else (arms,)
+    if isinstance(arms, str) or not isinstance(arms, Iterable | Arm):
+        raise ParameterError("arms", arms, "give a list of what robot.arm(...) makes")
+    arms = (arms,) if isinstance(arms, Arm) else tuple(arms)
     for arm in arms:
         _require(Arm, "arms", arm, "robot.arm")
         known = set(arm.joints) <= set(robot.joint_names)

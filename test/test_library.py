@@ -289,6 +289,7 @@ def test_what_is_left_out_is_logged(caplog):
     [
         ("arms", (), "arms"),
         ("arms", "left", "arms"),
+        ("time_limt", 3.0, "time_limt"),
         ("robot", None, "robot"),
         ("body", trimesh.creation.box((0.02, 0.07, 0.09)), "body"),
         ("volume", ([0.3, 0.0, -0.05], [0.5, 0.3, 0.15]), "volume"),

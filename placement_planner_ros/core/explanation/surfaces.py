@@ -94,7 +94,7 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
     width, depth = sides[np.argmax(sides.prod(axis=1))]
     if width * depth < 2.0 * settings.min_area:
         return Explanation(
-            f"{_HEAD}: target_volume is only {width:.3f} x {depth:.3f} m wide; a region has more "
+            f"{_HEAD}: target_volume is only {width:.3g} x {depth:.3g} m wide; a region has more "
             f"than {1e4 * settings.min_area:g} cm²",
             (Remedy("target_volume", "make it wider"),),
             (span,),
