@@ -271,7 +271,7 @@ SITUATIONS = {
         "NO_REGION",
         "target_volume",
         with_parameters(target_volume=ABOVE),
-        "only 0.010 x 0.010 m wide",
+        "only 0.01 x 0.01 m wide",
     ),
     "a cloud in millimetres": Situation(
         Inputs(points=1000.0 * TABLE),
