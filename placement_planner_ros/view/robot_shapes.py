@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,24 +12,12 @@ import numpy.typing as npt
 import trimesh
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.robot.description import Description, read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
 FindFile = Callable[[str], Path]
 """The file that a mesh's URI names. Raises an OSError where there is none."""
-UNREADABLE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    NotImplementedError,
-    OSError,
-    RobotError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
-"""What loaders raise at files that are not what their names say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +43,7 @@ def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShap
             continue
         try:
             shapes.append(LinkShape(name, *_joined_shapes(elements, f"link {name}", find)))
-        except UNREADABLE as error:
+        except (RobotError, *UNREADABLE) as error:
             lacking.append(f"link {name}: {error}")
     return shapes, lacking
 

@@ -11,13 +11,12 @@ import pinocchio as pin
 from geometry_msgs.msg import Pose
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.robot import ShownRobot
-from placement_planner_ros.view.robot_shapes import UNREADABLE
 from placement_planner_ros.view.thinning import ThinCloud, moved_points
 
 Surface = tuple[Array, npt.NDArray[np.int64]]
