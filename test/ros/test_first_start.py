@@ -53,6 +53,8 @@ file = Path("config/robots/panda.yaml")
 given = read_given(file, {}, Findings())
 names = {name: given.parameters[name] for name in given.names if name in given.parameters.specs}
 node = PlacementPlannerNode(overrides=[Parameter(n, value=v) for n, v in names.items() if v != []])
+node._inputs.robot.wait()
+node._inputs.object.wait()
 robot = node._inputs.robot.robot
 start = dict.fromkeys(robot.joint_names, 0.0) | start_in(file)
 node._inputs.take_joint_state(

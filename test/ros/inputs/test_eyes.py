@@ -52,6 +52,7 @@ def test_the_same_points_in_another_frame_are_the_same_cloud(bench, mode):
     b = bench(**{"cloud.mode": mode, "frame_prefix": "cell/"})
     b.feed()
     inputs, link = b.node._inputs, "yumi_link_1_l"
+    inputs.robot.wait()
     robot = inputs.robot.robot
     T = robot.link_pose(robot.configuration(inputs.joints.positions()), link)
     own = (TABLE - T.translation) @ T.rotation
