@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from placement_planner_ros.core.settings import FINITE
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.parameters.spec import Spec, Value
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,
@@ -64,7 +65,7 @@ def _table_row(spec: Spec) -> str:
     allowed = "" if meaning.interval == FINITE else meaning.interval
     if meaning.choices and spec.name not in _OPEN_CHOICES:
         allowed = ", ".join(meaning.choices)
-    words = f"{meaning.text.rstrip('.')}{unit}."
+    words = f"{in_node_words(meaning.text).rstrip('.')}{unit}."
     return f"| `{spec.name}` | {spec.kind} | {_shown_value(spec.default)} | {allowed} | {words} |"
 
 

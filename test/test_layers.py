@@ -55,6 +55,7 @@ ORDER = [
 ]
 # The same of the node.
 ROS_ORDER = [
+    "ros.node_words",
     "ros.qos",
     "ros.patience",
     "ros.timers",

@@ -256,7 +256,7 @@ def test_rules_wishes_and_carrying_are_settings():
     assert terms["edge"] >= 0.02
     assert free.objective == pytest.approx(terms["near"] / 0.1 + 0.5 * terms["edge"] / 0.05)
     assert slow.trajectory.duration > 1.5 * free.trajectory.duration
-    with pytest.raises(PlacementPlannerError, match=r"object.up is 118.3° .* carry.max_tilt"):
+    with pytest.raises(PlacementPlannerError, match=r"`up` is 118.3° .* `max_tilt`"):
         asked(settings=replace(settings, carry=CarrySettings(max_tilt=0.5)))
 
 
@@ -294,8 +294,8 @@ def test_what_is_left_out_is_logged(caplog):
         ("body", trimesh.creation.box((0.02, 0.07, 0.09)), "body"),
         ("volume", ([0.3, 0.0, -0.05], [0.5, 0.3, 0.15]), "volume"),
         ("settings", {"sampler": "mcts"}, "settings"),
-        ("q_start", dict.fromkeys(START_CONFIGURATION, "a"), "joint_states: values"),
-        ("q_start", {}, "joint_states: missing"),
+        ("q_start", dict.fromkeys(START_CONFIGURATION, "a"), "`q_start`: values"),
+        ("q_start", {}, "`q_start`: missing"),
         ("q_start", [0.0] * 3, "q_start"),
         ("environment", np.zeros((5, 2)), "points.shape"),
         ("environment", np.full((5, 3), math.nan), "points"),

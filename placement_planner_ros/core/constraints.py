@@ -25,7 +25,7 @@ from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdi
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
 
-REQUIRED = "require_terms"
+REQUIRED = "`required`"
 """How a rule's name begins that a term breaks."""
 
 

@@ -126,7 +126,7 @@ class PlannerSettings(Settings):
     )
     support_region: SupportRegionName = setting(
         "any",
-        text="On which surfaces in target_volume an object is placed. largest: only on the largest "
+        text="On which surfaces in `volume` an object is placed. largest: only on the largest "
         "and what is level with it, so not on top of other things; any: on all of them.",
         choices=SUPPORT_REGIONS,
     )
@@ -152,7 +152,7 @@ class PlannerSettings(Settings):
     keep_out: tuple[float, ...] = setting(
         (),
         unit="m",
-        text="Minimum and maximum corner of a box in planning_frame that moving links, hand and "
+        text="Minimum and maximum corner of a box in `root frame` that moving links, hand and "
         "object keep out of, with their margin; or those of several boxes, one after the other, up "
         f"to {MAX_BOXES}. They carry nothing and do not count for clearance.",
     )

@@ -114,7 +114,7 @@ def _volume_numbers(given: npt.ArrayLike) -> Array:
     try:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
-        raise VolumeError("target_volume", given, "give six finite numbers for each box") from None
+        raise VolumeError("`volume`", given, "give six finite numbers for each box") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -149,17 +149,17 @@ class TargetVolume:
         shape = corners[0].shape
         if shape != corners[1].shape or len(shape) != 2 or shape[1] != 3 or not shape[0]:
             given = [corner.tolist() for corner in corners]
-            raise VolumeError("target_volume", given, "give six finite numbers for each box")
+            raise VolumeError("`volume`", given, "give six finite numbers for each box")
         boxes = np.stack(corners, axis=1)
         if len(boxes) > MAX_BOXES:
-            raise VolumeError("target_volume", f"{len(boxes)} boxes", f"give {MAX_BOXES} at most")
+            raise VolumeError("`volume`", f"{len(boxes)} boxes", f"give {MAX_BOXES} at most")
         for number, box in enumerate(boxes):
             which = f" (box {number + 1} of {len(boxes)})" if len(boxes) > 1 else ""
             if not np.isfinite(box).all():
-                raise VolumeError("target_volume", box.tolist(), f"give six finite numbers{which}")
+                raise VolumeError("`volume`", box.tolist(), f"give six finite numbers{which}")
             if not (box[1] > box[0]).all():
                 raise VolumeError(
-                    "target_volume",
+                    "`volume`",
                     box.ravel().tolist(),
                     f"give the minimum corner first; every side must be longer than zero{which}",
                 )
@@ -177,7 +177,7 @@ class TargetVolume:
         """
         flat = _volume_numbers(numbers)
         if flat.ndim != 1 or len(flat) == 0 or len(flat) % 6:
-            raise VolumeError("target_volume", flat.tolist(), "give six numbers for each box")
+            raise VolumeError("`volume`", flat.tolist(), "give six numbers for each box")
         corners = flat.reshape(-1, 2, 3)
         return cls(corners[:, 0], corners[:, 1])
 

@@ -7,22 +7,15 @@ import time
 import traceback
 from collections.abc import Callable
 from math import inf
-from typing import Protocol
 
-from placement_planner_ros.core.errors import sayable
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from placement_planner_ros.ros.node_words import in_node_words
 
 PERIOD_S = 1.0
 """Between two lines of one kind, at least."""
 PAUSE_S = 60.0
 """Without a message of a kind after which the same words are news again."""
-
-
-class Logger(Protocol):
-    """What rclpy's loggers are."""
-
-    def info(self, message: str) -> bool: ...
-    def warning(self, message: str) -> bool: ...
-    def error(self, message: str) -> bool: ...
 
 
 class Log:
@@ -33,7 +26,7 @@ class Log:
         clock: seconds of a steady clock.
     """
 
-    def __init__(self, logger: Logger, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, logger: RcutilsLogger, clock: Callable[[], float] = time.monotonic) -> None:
         self._logger = logger
         self._clock = clock
         self._lock = threading.Lock()
@@ -86,7 +79,7 @@ class Log:
             self.repeats(kind, f"as before: {type(error).__name__}")
         else:
             trace = "".join(traceback.format_exception(error))
-            self._logger.error(sayable(f"{kind}: {trace}"))
+            self._logger.error(in_node_words(f"{kind}: {trace}"))
 
 
 def _frames(error: BaseException) -> list[object]:
@@ -98,4 +91,4 @@ def _frames(error: BaseException) -> list[object]:
 
 
 def _on_one_line(words: str) -> str:
-    return sayable("; ".join(words.split("\n")))
+    return in_node_words("; ".join(words.split("\n")))

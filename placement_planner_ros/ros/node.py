@@ -31,6 +31,7 @@ from placement_planner_ros.ros.inputs.reception import Reception
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import Log
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.server import ParameterNode, ParameterServer
@@ -275,7 +276,7 @@ def main(args: list[str] | None = None) -> None:
     try:
         node = PlacementPlannerNode(asked=asked)
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
-        sys.exit(f"placement_planner: {error}")
+        sys.exit(in_node_words(f"placement_planner: {error}"))
     executor = PooledExecutor(6, node.calls)
     executor.add_node(node)
     # beside the executor, so that services answer while kernels are compiled

@@ -90,5 +90,5 @@ GOOD = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     ],
 )
 def test_bad_boxes_are_refused_by_name(numbers, words):
-    with pytest.raises(VolumeError, match=f"^target_volume = .*{words}"):
+    with pytest.raises(VolumeError, match=f"^`volume` = .*{words}"):
         TargetVolume.of_numbers(numbers)

@@ -127,7 +127,7 @@ class Body:
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > 1e-6:
             raise ObjectError(
-                "object.center_of_mass",
+                "`center_of_mass`",
                 center.tolist(),
                 f"lies {outside:.4g} m outside the object's hull; give it in the object's frame",
             )
@@ -213,7 +213,7 @@ def _center_in(corners: Array) -> Array:
 
 def _size_in_words(points: Array, scale: float) -> str:
     size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
-    unit = "its numbers taken as metres" if scale == 1.0 else f"object.scale {scale:g}"
+    unit = "its numbers taken as metres" if scale == 1.0 else f"`scale` {scale:g}"
     return f"{size} m, {unit}"
 
 
@@ -232,7 +232,7 @@ def _rests_in_words(faces: tuple[PlacementFace, ...], left_out: int) -> str:
     if rolling:
         words += f", from {rolling} of which it could roll"
     if left_out:
-        words += f", and {left_out} from which it could roll left out (object.allow_rolling)"
+        words += f", and {left_out} from which it could roll left out (`allow_rolling`)"
     return words
 
 

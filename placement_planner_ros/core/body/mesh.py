@@ -24,7 +24,7 @@ FURTHEST_VERTEX_M = 100.0
 MAX_PIECES = 500
 """Connected pieces that an object may have."""
 
-_CHECK = "look at its numbers and object.scale"
+_CHECK = "look at its numbers and `scale`"
 """Said of sizes that no object has."""
 
 
@@ -38,7 +38,7 @@ def checked_mesh(
             small, or further than `FURTHEST_VERTEX_M` from its origin.
     """
     if not (math.isfinite(scale) and scale > 0.0):
-        raise ObjectError("object.scale", scale, "give a finite number above 0")
+        raise ObjectError("`scale`", scale, "give a finite number above 0")
     try:
         points = np.array(vertices, dtype=np.float64)
         faces = np.array(triangles)
@@ -48,28 +48,26 @@ def checked_mesh(
     if points.size == 0 or faces.size == 0:
         raise ObjectError("object", f"{points.size // 3} vertices", "the mesh is empty")
     if points.ndim != 2 or points.shape[1] != 3:
-        raise ObjectError("object.vertices", points.shape, "give shape (m, 3)")
+        raise ObjectError("`vertices`", points.shape, "give shape (m, 3)")
     if faces.ndim != 2 or faces.shape[1] != 3:
-        raise ObjectError("object.triangles", faces.shape, "give shape (t, 3)")
+        raise ObjectError("`triangles`", faces.shape, "give shape (t, 3)")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise ObjectError("object.triangles", faces.dtype, "give integers")
+        raise ObjectError("`triangles`", faces.dtype, "give integers")
     if faces.min() < 0 or faces.max() >= len(points):
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
-        raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
+        raise ObjectError("`triangles`", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
     # Of vertices that triangles have: finite numbers, and a size that objects have.
     kept, made = np.unique(faces.astype(np.int64), return_inverse=True)
     used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
     if bad:
-        raise ObjectError(
-            "object.vertices", f"{bad} of them NaN or infinite", "give finite numbers"
-        )
+        raise ObjectError("`vertices`", f"{bad} of them NaN or infinite", "give finite numbers")
     with np.errstate(over="ignore"):
         across = float((used.max(axis=0) - used.min(axis=0)).max()) * scale
     if across > max_extent:
         millimetres = scale == 1.0 and 0.001 * across <= max_extent
-        remedy = "a mesh in millimetres needs object.scale 0.001" if millimetres else _CHECK
+        remedy = "a mesh in millimetres needs `scale` 0.001" if millimetres else _CHECK
         raise ObjectError(
             "object", f"{across:.4g} m across", f"is larger than {max_extent} m; {remedy}"
         )
@@ -79,7 +77,7 @@ def checked_mesh(
     away = float(np.abs(used).max()) * scale
     if away > FURTHEST_VERTEX_M:
         raise ObjectError(
-            "object.vertices",
+            "`vertices`",
             f"{away:.4g} m from the origin",
             f"must lie within {FURTHEST_VERTEX_M:g} m of it",
         )
@@ -96,7 +94,7 @@ def require_few(vertices: int, triangles: int) -> None:
     for name, count, most in limits:
         if count > most:
             raise ObjectError(
-                f"object.{name}",
+                f"`{name}`",
                 f"{count} of them",
                 f"an object may have {most}; simplify its mesh",
             )
@@ -111,9 +109,9 @@ def checked_center(center_of_mass: npt.ArrayLike, scale: float) -> Array:
     try:
         center = np.array(center_of_mass, dtype=np.float64) * scale
     except (TypeError, ValueError) as error:
-        raise ObjectError("object.center_of_mass", center_of_mass, "give three numbers") from error
+        raise ObjectError("`center_of_mass`", center_of_mass, "give three numbers") from error
     if center.shape != (3,) or not np.isfinite(center).all():
-        raise ObjectError("object.center_of_mass", center.tolist(), "give three finite numbers")
+        raise ObjectError("`center_of_mass`", center.tolist(), "give three finite numbers")
     return center
 
 

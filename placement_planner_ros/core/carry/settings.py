@@ -24,7 +24,7 @@ class CarrySettings(Settings):
         math.pi,
         f"[0, {math.pi}]",
         "rad",
-        "Angle between object.up and the vertical that the object is never tilted by on its way, "
+        "Angle between `up` and the vertical that the object is never tilted by on its way, "
         "nor where it stands; pi: any.",
     )
     max_acceleration: float = setting(
@@ -38,7 +38,7 @@ class CarrySettings(Settings):
         """By how much the object may lean; None for any.
 
         Args:
-            up: object.up, (3,) or empty.
+            up: `TurnSettings.up`, (3,) or empty.
 
         Raises:
             ParameterError: there is a limit, but no direction to hold it to.
@@ -47,10 +47,10 @@ class CarrySettings(Settings):
             return None
         if not len(up):
             raise ParameterError(
-                "carry.max_tilt",
+                "`max_tilt`",
                 self.max_tilt,
-                "needs object.up, the direction of the object that is kept near the vertical; set "
-                "it, or leave carry.max_tilt at its default, pi",
+                "needs `up`, the direction of the object that is kept near the vertical; set it, "
+                "or leave `max_tilt` at its default, pi",
             )
         return TiltLimit(np.array(up), self.max_tilt)
 

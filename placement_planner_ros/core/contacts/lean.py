@@ -247,16 +247,16 @@ class LeanContact:
             return None
         footing = self._footing
         if not self._heights:
-            words = "there is no level surface in target_volume for an edge to stand on"
-            return Missing(words, "target_volume", "choose one with a level surface")
+            words = "there is no level surface in `volume` for an edge to stand on"
+            return Missing(words, "volume", "choose one with a level surface")
         if not len(self._edges):
             words = f"no edge of the object's hull is {1000 * SHORTEST_M:g} mm long to stand on"
-            return Missing(words, "object.mesh", "check it and object.scale")
+            return Missing(words, "body", "check it and `scale`")
         if not self._walls:
-            words = "no wall was found in or around target_volume to lean on"
+            words = "no wall was found in or around `volume` to lean on"
             steep = math.degrees(STEEPEST_LEAN_RAD)
             upright = f"choose one before a wall that clouds show, {steep:g} degrees off at most"
-            return Missing(words, "target_volume", upright)
+            return Missing(words, "volume", upright)
         if self._reaches.none:
             words = (
                 f"leaning on a wall no edge stays with friction {footing.friction:g} and "
@@ -264,7 +264,7 @@ class LeanContact:
             )
             rough = (
                 "raise it, if surfaces are rougher, lower stability_margin, or give "
-                "object.center_of_mass, if it is low"
+                "`center_of_mass`, if it is low"
             )
             return Missing(words, "friction", rough)
         too_low = [
@@ -281,9 +281,9 @@ class LeanContact:
                 f"walls are too low: the highest is {has:.3f} m above a surface before it, and the "
                 f"object would touch it at {touches:.3f} m or more"
             )
-            return Missing(words, "target_volume", "choose one before a higher wall")
-        words = "no surface in target_volume is as near to a wall as an edge would have to stand"
-        return Missing(words, "target_volume", "extend it to where floor and wall meet")
+            return Missing(words, "volume", "choose one before a higher wall")
+        words = "no surface in `volume` is as near to a wall as an edge would have to stand"
+        return Missing(words, "volume", "extend it to where floor and wall meet")
 
     def _wall(self, feature: int) -> Wall:
         return self._walls[self._wall_of[feature]]

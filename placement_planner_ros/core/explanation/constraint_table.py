@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from placement_planner_ros.core.explanation.explanation import Remedy
@@ -19,92 +19,84 @@ class ConstraintRow:
 
     Attributes:
         did: what the samples did, after their number.
-        briefly: the same in a list of shares.
-        bearing: parameters that bear on it, those most often to blame first.
-        inputs: remedies for what has no default: (parameter, words); `<arm>` stands for each arm.
+        bearing: settings that bear on it, those most often to blame first.
+        inputs: remedies for what has no default: (name, words); `<arm>` stands for each arm.
     """
 
     did: str
-    briefly: str
     bearing: tuple[str, ...]
     inputs: tuple[tuple[str, str], ...]
 
 
-_ROOM = ("unknown_space", "collision_margin", "cloud.cell_size")
-_ASKED = ("keep_out", "object.front", "object.up", "carry.max_tilt", "require_terms")
-_GRASPS = ("<arm>.grasps", "give further ones")
-_MORE_ROOM = ("target_volume", "choose one with more room beside and above what stands there")
+_ROOM = ("with_unknown", "collision_margin", "cell_size")
+_ASKED = ("keep_out", "front", "up", "max_tilt", "required")
+_GRASPS = ("grasps of arm <arm>", "give further ones")
+_MORE_ROOM = ("volume", "choose one with more room beside and above what stands there")
 
 TABLE = {
     Verdict.OUTSIDE_VOLUME: ConstraintRow(
-        "had the centre of mass beside target_volume",
-        "beside target_volume",
+        "had the centre of mass beside `volume`",
         (),
-        (("target_volume", "make it wider than the object"),),
+        (("volume", "make it wider than the object"),),
     ),
     Verdict.UNSTABLE: ConstraintRow(
         "left the object without support",
-        "without support",
         ("edge_margin", "support_margin", "contact_tolerance", "support", "friction", *_ASKED),
         (
-            ("target_volume", "choose one with larger surfaces"),
-            ("cloud_topics", "name a denser or less noisy cloud, if ~/occupancy shows holes there"),
+            ("volume", "choose one with larger surfaces"),
+            ("environment", "give a denser or less noisy cloud, if it has holes there"),
         ),
     ),
     Verdict.COLLIDING: ConstraintRow(
         "let the object meet something, at rest or on its way there",
-        "with the object in collision",
         (*_ROOM, *_ASKED),
         (_MORE_ROOM,),
     ),
-    Verdict.BREAKS_RULE: ConstraintRow("broke a rule", "against a rule", _ASKED, ()),
+    Verdict.BREAKS_RULE: ConstraintRow("broke a rule", _ASKED, ()),
     Verdict.NOT_BETTER: ConstraintRow(
         "were no better by the objective",
-        "no better",
         (),
         (("objective", "choose one that is above -inf somewhere"),),
     ),
     Verdict.NO_IK: ConstraintRow(
         "had no arm reach them within its joint limits",
-        "out of reach",
         _ASKED,
         (
-            ("target_volume", "move it closer to the robot"),
+            ("volume", "move it closer to the robot"),
             _GRASPS,
             ("arms", "name further arms that could hold the object"),
         ),
     ),
     Verdict.ARM_COLLIDING: ConstraintRow(
         "had arm, hand or object in collision",
-        "with arm or hand in collision",
         (*_ROOM, *_ASKED),
-        (("<arm>.grasps", "give some that keep the hand away from what is there"), _MORE_ROOM),
+        (
+            ("grasps of arm <arm>", "give some that keep the hand away from what is there"),
+            _MORE_ROOM,
+        ),
     ),
     Verdict.NO_RELEASE: ConstraintRow(
         "left the fingers no room to open",
-        "with no room to open the fingers",
         ("collision_margin", *_ASKED),
         (
-            ("<arm>.gripper_open", "open the fingers less"),
-            ("<arm>.grasps", "give some that keep the fingers away from what is there"),
+            ("gripper_open of arm <arm>", "open the fingers less"),
+            ("grasps of arm <arm>", "give some that keep the fingers away from what is there"),
             ("require_retreat", "false, if the hand need not let go"),
         ),
     ),
     Verdict.NO_APPROACH: ConstraintRow(
         "had no free straight way onto what carries the object",
-        "with no way there",
         (*_ROOM, "approach_distance", *_ASKED),
         (
-            ("target_volume", "choose one with more free height"),
-            ("<arm>.grasps", "give some with which the arm can come straight there"),
+            ("volume", "choose one with more free height"),
+            ("grasps of arm <arm>", "give some with which the arm can come straight there"),
         ),
     ),
     Verdict.NO_RETREAT: ConstraintRow(
         "left the open hand no straight way off the placed object",
-        "with no way back for the hand",
         ("retreat_distance", *_ROOM, *_ASKED),
         (
-            ("<arm>.grasps", "give some from other sides"),
+            ("grasps of arm <arm>", "give some from other sides"),
             ("require_retreat", "false, if the hand need not leave"),
         ),
     ),
@@ -112,7 +104,7 @@ TABLE = {
 
 
 def demands(search: Search) -> dict[str, str]:
-    """By parameter, of those that ask for more than they usually do: the value in force, and a
+    """By setting, of those that ask for more than they usually do: the value in force, and a
     milder one, in words."""
     told: dict[str, str] = {}
     grasp, usual, footing = search.settings, GraspSettings(), search.poses.footing
@@ -123,12 +115,11 @@ def demands(search: Search) -> dict[str, str]:
         ("retreat_distance", grasp.retreat, usual.retreat),
         ("edge_margin", footing, search.usual_support),
         ("support_margin", footing, search.usual_support),
-        ("cloud.cell_size", environment.measured, GridSettings()),
+        ("cell_size", environment.measured, GridSettings()),
     )
     # only what asks for more than is usual is worth changing
     for name, asked, default in lengths:
-        field = name.removeprefix("cloud.")
-        value, milder = getattr(asked, field), getattr(default, field)
+        value, milder = getattr(asked, name), getattr(default, name)
         if value > milder:
             told[name] = f"lower it: {value:g} m is set, {milder:g} m is usual"
     if footing.contacts != search.usual_support.contacts:
@@ -144,21 +135,21 @@ def demands(search: Search) -> dict[str, str]:
         told["support"] = "polygon, which asks for support around the centre of mass alone"
     # more obstacles than were measured, where it is known what was seen: unseen space counts
     if environment.obstacles is not environment.measured and environment.seen is not None:
-        told["unknown_space"] = (
-            "set it to free, or to occupied_below where what is unseen lies high, or show more "
-            f"with cloud.mode: merge: {environment.seen:.0%} of target_volume have been seen"
+        told["with_unknown"] = (
+            "set it to free, or to occupied_below where what is unseen lies high, or show more: "
+            f"{environment.seen:.0%} of `volume` have been seen"
         )
     if len(environment.keep_out):
         told["keep_out"] = "make its boxes smaller, or leave out those in the way"
     turns = None if search.poses.turns is None else search.poses.turns.settings
     if turns is not None and turns.front:
-        told["object.front"] = "leave it out, choose another direction, or raise its tolerance"
+        told["front"] = "leave it out, choose another direction, or raise its tolerance"
     if turns is not None and turns.up:
-        told["object.up"] = "leave it out, choose another direction, or raise its tolerance"
+        told["up"] = "leave it out, choose another direction, or raise its tolerance"
     if grasp.tilt is not None:
-        told["carry.max_tilt"] = f"raise it, or leave it out: {grasp.tilt.most:.3f} rad are set"
+        told["max_tilt"] = f"raise it, or leave it out: {grasp.tilt.most:.3f} rad are set"
     if search.poses.required is not None:
-        told["require_terms"] = "leave some out, or lower require_at_least"
+        told["required"] = "leave some out, or lower `at_least`"
     return told
 
 
@@ -177,24 +168,20 @@ def remedies_for(search: Search, verdict: Verdict) -> list[Remedy]:
 
 
 def refused_in_short(count: SampleCount) -> str:
-    """What refused most samples of a search that found something; '' where few were refused."""
-    refused = {verdict: count.verdicts.get(verdict, 0) for verdict in TABLE}
+    """What refused samples of a search that found something; '' where few were refused."""
     # a placement that is no better was refused by no constraint
-    del refused[Verdict.NOT_BETTER]
+    refused = {verdict: count.verdicts.get(verdict, 0) for verdict in TABLE}
+    refused[Verdict.NOT_BETTER] = 0
     # where half or more pass there is nothing to explain
     if sum(refused.values()) <= 0.5 * count.samples:
         return ""
-    most = sorted(refused, key=lambda verdict: -refused[verdict])[:2]
-    reasons = [f"{refused[v] / count.samples:.0%} {TABLE[v].did}" for v in most if refused[v]]
-    return f"of {count.samples:,} samples {' and '.join(reasons)}"
+    return shares_in_words(refused, count.samples, "samples")
 
 
-def shares_in_words(verdicts: Sequence[int], noun: str) -> str:
-    """Counts by verdict, the most frequent first."""
-    total = sum(verdicts)
-    some = sorted((v for v in Verdict if verdicts[v]), key=lambda v: -verdicts[v])
+def shares_in_words(counts: Mapping[Verdict, int], total: int, noun: str) -> str:
+    """Counts by verdict as shares of a total, the most frequent first."""
+    some = sorted((verdict for verdict in counts if counts[verdict]), key=lambda v: -counts[v])
     shares = ", ".join(
-        f"{verdicts[v] / total:.0%} {TABLE[v].briefly if v in TABLE else 'placements'}"
-        for v in some
+        f"{counts[v] / total:.0%} {TABLE[v].did if v in TABLE else 'were placements'}" for v in some
     )
     return f"of {total:,} {noun} {shares}"

@@ -16,7 +16,7 @@ from placement_planner_ros.core.explanation.constraint_table import (
     remedies_for,
     shares_in_words,
 )
-from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, quoted
 from placement_planner_ros.core.explanation.search import Progress, Search
 from placement_planner_ros.core.explanation.surfaces import (
     regions_in_words,
@@ -55,7 +55,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
         # regions that there were before may all lie in the boxes to keep out of
         if len(environment.keep_out) and search.before.regions:
             told = Explanation(
-                "no placement region: keep_out covers every surface in target_volume that "
+                "no placement region: keep_out covers every surface in `volume` that "
                 "something could stand on",
                 (Remedy("keep_out", demands(search)["keep_out"]),),
             )
@@ -84,7 +84,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
 
 
 def _nothing_stood(progress: Progress) -> bool:
-    """Whether something was tried or proven, and all was beside target_volume or unsupported."""
+    """Whether something was tried or proven, and all was beside V or unsupported."""
     tried = {verdict for verdict, count in progress.count.verdicts.items() if count}
     return (
         bool(tried or progress.rulings)
@@ -97,19 +97,19 @@ def _nothing_stood(progress: Progress) -> bool:
 
 def _no_face(search: Search) -> Explanation:
     rolling = search.problem.body.rolling
-    allow = Remedy("object.allow_rolling", f"true: {rolling} sides that could roll are left out")
+    allow = Remedy("allow_rolling", f"true: {rolling} sides that could roll are left out")
     return Explanation(
         "no placement face: the object can stand on none of its sides",
         (
             *((allow,) if rolling else ()),
-            Remedy("object.center_of_mass", "check it, and the mesh"),
-            Remedy("object.mesh", "give one with a flat side"),
+            Remedy("center_of_mass", "check it, and the mesh"),
+            Remedy("body", "give one with a flat side"),
         ),
     )
 
 
 def _no_face_as_asked(search: Search) -> Explanation:
-    """That `object.up` and `object.front` leave no face, each alone or only together."""
+    """That `up` and `front` leave no face, each alone or only together."""
     turns = search.poses.turns
     assert turns is not None
     settings, faces = turns.settings, search.problem.body.faces
@@ -119,7 +119,7 @@ def _no_face_as_asked(search: Search) -> Explanation:
         for face in range(len(faces))
         for slope in {region.slope for region in search.hierarchy.regions}
     ]
-    alone = {"object.up": replace(settings, front=()), "object.front": replace(settings, up=())}
+    alone = {"up": replace(settings, front=()), "front": replace(settings, up=())}
     # rules of which each alone leaves no face
     blamed = [
         name
@@ -134,17 +134,17 @@ def _no_face_as_asked(search: Search) -> Explanation:
         tilt = search.settings.tilt
         # the narrower of both limits is the one to raise
         at_rest = tilt is not None and tilt.at_rest <= settings.up_tolerance
-        tolerance = "carry.max_tilt" if at_rest else "object.up_tolerance"
+        tolerance = "max_tilt" if at_rest else "up_tolerance"
         words = (
-            f"; object.up leans by {lean:.3f} rad or more in all of them, by {tolerance} it may "
+            f"; `up` leans by {lean:.3f} rad or more in all of them, by `{tolerance}` it may "
             f"by {settings.up_tolerance:.3f}"
         )
         remedies.insert(0, Remedy(tolerance, f"raise it to {lean + 0.005:.3f} rad"))
     rules = "rules" if len(blamed) == 1 else "rule"
     together = "" if blamed else ", only together"
     return Explanation(
-        f"no placement face: {' and '.join(blamed or alone)} {rules} out each of the {len(faces)} "
-        f"rests of the object{together}{words}",
+        f"no placement face: {' and '.join(map(quoted, blamed or alone))} {rules} out each of the "
+        f"{len(faces)} rests of the object{together}{words}",
         tuple(remedies),
     )
 
@@ -154,7 +154,7 @@ def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     words = {  # what was asked for comes first
         Ruling.BREAKS_RULE: f"against a rule{_required_in_words(search)}",
         Ruling.OUT_OF_REACH: "out of reach of every arm in every grasp",
-        Ruling.UNSUPPORTED: "without support, or with the centre of mass outside target_volume",
+        Ruling.UNSUPPORTED: "without support, or with the centre of mass outside `volume`",
         Ruling.COLLIDING: "in collision with what was measured there",
     }
     ruled = [words[ruling] for ruling in words if ruling in rulings]
@@ -200,7 +200,7 @@ def _required_in_words(search: Search) -> str:
         for name, values in most.items()
         if values.max() < bound.at_least[name]
     ]
-    return f" (require_terms: {', '.join(low)})" if low else ""
+    return f" (`required`: {', '.join(low)})" if low else ""
 
 
 def _no_motion(search: Search, progress: Progress) -> Explanation:
@@ -213,9 +213,7 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
         cause += f" ({progress.unreached:,} motions failed certification)"
     asked = demands(search)
     # rules that hold on the way, too
-    bearing = [
-        Remedy(name, asked[name]) for name in ("carry.max_tilt", "keep_out") if name in asked
-    ]
+    bearing = [Remedy(name, asked[name]) for name in ("max_tilt", "keep_out") if name in asked]
     # what helps an arm that collides helps one that finds no way
     inputs = remedies_for(search, Verdict.ARM_COLLIDING)
     more_time = Remedy("time_limit", "allow more time")
@@ -245,6 +243,9 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
         did = _broken_in_words(search) if rule else TABLE[verdict].did
         causes.append(f"{refused:,} of {entered:,}{before} {did}")
     remedies = [remedy for verdict in named for remedy in remedies_for(search, verdict)]
+    # no sample is drawn where nothing is supported, which a wide margin may be to blame for
+    asked = demands(search)
+    remedies += [Remedy(n, asked[n]) for n in ("edge_margin", "support_margin") if n in asked]
     # few samples say little of what a longer search would find
     if count.samples < _FEW_SAMPLES:
         more_time = f"allow more than it takes for {count.samples:,} samples"
@@ -266,13 +267,15 @@ def _count_words(search: Search, progress: Progress) -> list[str]:
     by_group = progress.count.by_group(search.poses.contacts.groups)
     tried = {group: verdicts for group, verdicts in by_group.items() if verdicts.any()}
     most = sorted(tried, key=lambda group: -int(tried[group].sum()))[:NAMED_THINGS]
-    words = [f"{group}: {shares_in_words(tried[group].tolist(), 'samples')}" for group in most]
+    told = [(f"{group}: ", "samples", tried[group]) for group in most]
     # tries to reach poses, by the arm that was tried
     names = [holding.arm.name for holding in search.finder.holdings]
-    return words + [
-        f"arm {name}: {shares_in_words(verdicts.tolist(), 'tries')}"
-        for name, verdicts in search.finder.rejections.by_name(names).items()
-        if verdicts.any()
+    by_arm = search.finder.rejections.by_name(names)
+    told += [(f"arm {name}: ", "tries", tries) for name, tries in by_arm.items()]
+    return [
+        whose + shares_in_words(dict(zip(Verdict, counts.tolist(), strict=True)), total, noun)
+        for whose, noun, counts in told
+        if (total := int(counts.sum()))
     ]
 
 

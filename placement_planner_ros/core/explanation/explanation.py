@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-SENSOR = "sensor_poses.<frame>"
-"""The parameter with a sensor's pose."""
+SENSOR = "sensor pose"
+"""What says where a sensor is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +13,7 @@ class Remedy:
     """Something to try.
 
     Attributes:
-        parameter: what to change, by the name it is set by; several with commas between them.
+        parameter: what to change, as a setting or an input is called; several with commas between.
         words: to what, or how.
     """
 
@@ -21,7 +21,7 @@ class Remedy:
     words: str
 
     def __str__(self) -> str:
-        return f"{self.parameter}: {self.words}"
+        return f"{quoted(self.parameter)}: {self.words}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,3 +54,10 @@ class Explanation:
 
     def __str__(self) -> str:
         return "\n".join([self.cause, *(f"try {each}" for each in self.remedies), *self.details])
+
+
+def quoted(names: str) -> str:
+    """Names of settings and inputs, in the backticks by which they are known as such."""
+    # what an arm has is named with its arm, which is no part of the name
+    parts = (name.partition(" of arm ") for name in names.split(", "))
+    return ", ".join(f"`{name}`{of}{arm}" for name, of, arm in parts)

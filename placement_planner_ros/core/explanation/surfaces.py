@@ -7,18 +7,16 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
-from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.environment import CONTACT_TOLERANCE_M, Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.core.types import Array, steepness
 
-_ARM_SPAN = 50.0
-"""m: points farther away are perhaps in another unit."""
-_LEVEL_BIN = 0.005
-"""m: heights that count as one level."""
-_LEVEL_AREA = 0.0025
-"""m² of surface at one level that is worth naming."""
+_ARM_SPAN_M = 50.0
+"""Points farther away are perhaps in another unit."""
+_LEVEL_AREA_M2 = 0.0025
+"""Of surface at one level that is worth naming."""
 
 _HEAD = "no placement region"
 _ALIGN = Remedy(SENSOR, "correct the pose of the sensor, if the points are not where it is")
@@ -29,27 +27,27 @@ def why_no_region(environment: Environment) -> Explanation:
     V too narrow; else what a region needs."""
     volume, measured = environment.volume, environment.measured
     if environment.points == 0:
+        own = len(environment.near.common)
         return Explanation(
-            f"{_HEAD}: the clouds show nothing: no point is left of them once those on the robot "
-            "and on the held object are taken out",
+            f"{_HEAD}: the cloud is empty{', but for points beside the robot' if own else ''}",
             (
-                Remedy("cloud_topics", "name the topics with clouds of the surroundings"),
-                Remedy("self_filter.padding", "lower it where it takes out more than the robot"),
+                Remedy("environment", "give points of the surroundings"),
+                *((Remedy("own points", "leave out no more than the robot's own"),) if own else ()),
             ),
         )
     span = f"the {environment.points:,} points span {_box_in_words(environment.extent)}"
     of_volume = _box_in_words(np.stack([volume.lower, volume.upper]))
     # there are points, but all lie outside of the workspace
     if len(measured) == 0:
-        far = bool(np.abs(environment.extent).max() > _ARM_SPAN)
-        in_metres = Remedy("cloud_topics", "name topics with clouds in metres, not in millimetres")
+        far = bool(np.abs(environment.extent).max() > _ARM_SPAN_M)
+        in_metres = Remedy("environment", "give points in metres, not in millimetres")
         return Explanation(
             f"{_HEAD}: no point of the clouds lies where the robot could reach: {span}"
-            f"{'; they are taken to be metres' if far else ''}; target_volume is {of_volume}",
+            f"{'; they are taken to be metres' if far else ''}; `volume` is {of_volume}",
             (
                 *((in_metres,) if far else ()),
                 Remedy(SENSOR, "give the pose of the sensor's frame, in metres"),
-                Remedy("planning_frame", "name the frame that target_volume is meant in"),
+                Remedy("root frame", "name the one that `volume` is meant in"),
             ),
         )
     return too_steep(environment) or _beside_volume(environment, span, of_volume)
@@ -68,7 +66,7 @@ def too_steep(environment: Environment) -> Explanation | None:
     by = f"{math.degrees(slope):.1f} degrees"
     remedies = [
         Remedy(SENSOR, f"correct the sensor's tilt by {by}, if the surface is level in truth"),
-        Remedy("target_volume", "choose one with a level surface, if it is not"),
+        Remedy("volume", "choose one with a level surface, if it is not"),
     ]
     # only where the parameter may be set that high
     if slope <= meaning_of(RegionSettings(), "max_slope").ends[1]:
@@ -79,7 +77,7 @@ def too_steep(environment: Environment) -> Explanation | None:
         first = 1 if slope > RegionSettings().max_slope else 0
         remedies.insert(first, Remedy("max_slope", words))
     return Explanation(
-        f"{_HEAD}: the largest surface in target_volume slopes by {by}, rising "
+        f"{_HEAD}: the largest surface in `volume` slopes by {by}, rising "
         f"towards x = {x:.2f}, y = {y:.2f}; max_slope allows {math.degrees(allowed):.1f} degrees",
         tuple(remedies),
         (span,),
@@ -94,9 +92,9 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
     width, depth = sides[np.argmax(sides.prod(axis=1))]
     if width * depth < 2.0 * settings.min_area:
         return Explanation(
-            f"{_HEAD}: target_volume is only {width:.3g} x {depth:.3g} m wide; a region has more "
+            f"{_HEAD}: `volume` is only {width:.3g} x {depth:.3g} m wide; a region has more "
             f"than {1e4 * settings.min_area:g} cm²",
-            (Remedy("target_volume", "make it wider"),),
+            (Remedy("volume", "make it wider"),),
             (span,),
         )
     # of all boxes of V the surface that is the least beyond one of them
@@ -112,30 +110,30 @@ def _beside_volume(environment: Environment, span: str, of_volume: str) -> Expla
         # a little farther than the surface, which noise moves
         reached = height + math.copysign(settings.headroom, beyond)
         return Explanation(
-            f"{_HEAD}: nothing was measured in target_volume; the nearest lies "
+            f"{_HEAD}: nothing was measured in `volume`; the nearest lies "
             f"{abs(beyond):.3f} m {'under' if below else 'above'} it, at z = {height:.3f}",
             (
-                Remedy("target_volume", f"set its {bound} to {reached:.3f}"),
+                Remedy("volume", f"set its {bound} to {reached:.3f}"),
                 _ALIGN,
             ),
             (span,),
         )
     if nearest is None:
         return Explanation(
-            f"{_HEAD}: nothing was measured in, under or above target_volume ({of_volume})",
-            (Remedy("target_volume", "move it over what was measured"), _ALIGN),
+            f"{_HEAD}: nothing was measured in, under or above `volume` ({of_volume})",
+            (Remedy("volume", "move it over what was measured"), _ALIGN),
             (span,),
         )
     # something was measured in V, but nothing that is a region
     size, usual = environment.measured.cell_size, GridSettings().cell_size
-    finer = Remedy("cloud.cell_size", f"lower it: {size:g} m is set, {usual:g} m is usual")
+    finer = Remedy("cell_size", f"lower it: {size:g} m is set, {usual:g} m is usual")
     return Explanation(
-        f"{_HEAD}: nothing in target_volume is level, measured without holes, larger than "
+        f"{_HEAD}: nothing in `volume` is level, measured without holes, larger than "
         f"{1e4 * settings.min_area:g} cm² and free for {settings.headroom:g} m above it",
         (
             *((finer,) if size > usual else ()),
-            Remedy("target_volume", "choose one with a level surface in it"),
-            Remedy("cloud_topics", "name a denser cloud, if ~/occupancy shows holes there"),
+            Remedy("volume", "choose one with a level surface in it"),
+            Remedy("environment", "give a denser cloud, if it has holes there"),
             _ALIGN,
         ),
         (span,),
@@ -148,11 +146,11 @@ def _nearest_level(environment: Environment, box: Array) -> tuple[float, float] 
     measured = environment.measured
     middle = 0.5 * (measured.lower + measured.upper)
     over = ((middle[:, :2] >= box[0, :2]) & (middle[:, :2] <= box[1, :2])).all(axis=1)
-    heights = measured.upper[over, 2]
+    heights, level = measured.upper[over, 2], 2.0 * CONTACT_TOLERANCE_M
     # heights at which a good part of the floor of the box was measured
-    levels, counts = np.unique(np.round(heights / _LEVEL_BIN), return_counts=True)
-    area = min(_LEVEL_AREA, 0.5 * float((box[1] - box[0])[:2].prod()))
-    levels = levels[counts * measured.cell_size**2 >= area] * _LEVEL_BIN
+    levels, counts = np.unique(np.round(heights / level), return_counts=True)
+    area = min(_LEVEL_AREA_M2, 0.5 * float((box[1] - box[0])[:2].prod()))
+    levels = levels[counts * measured.cell_size**2 >= area] * level
     if len(levels) == 0:
         return None
     # 0 within the box, positive above it, negative below
@@ -168,16 +166,16 @@ def regions_in_words(environment: Environment) -> list[str]:
     if regions:
         total, largest = sum(region.area for region in regions), regions[0]
         words.append(
-            f"placement regions in target_volume: {len(regions)}, together {total:.4f} m², the "
+            f"placement regions in `volume`: {len(regions)}, together {total:.4f} m², the "
             f"largest {largest.area:.4f} m²"
         )
         slope = steepness(largest.slope)
         words[-1] += f", sloping by {math.degrees(slope):.1f} degrees" if slope else ""
     if environment.seen is not None:
-        words.append(f"the sensors have seen {environment.seen:.0%} of target_volume")
+        words.append(f"the sensors have seen {environment.seen:.0%} of `volume`")
     return words
 
 
 def _box_in_words(box: Array) -> str:
     sides = zip("xyz", *box.tolist(), strict=True)
-    return ", ".join(f"{name} {low:.3f} to {high:.3f}" for name, low, high in sides)
+    return ", ".join(f"{name} {low:.5g} to {high:.5g}" for name, low, high in sides)

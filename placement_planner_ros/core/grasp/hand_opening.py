@@ -45,7 +45,7 @@ def opening_error(moving: MovingArm, held: AttachedObject) -> GraspError | None:
         arm,
         held.grasp,
         f"opening the hand pushes {depths} into the object; move the grasp, check gripper_open and "
-        "object.scale, give links whose collision shapes are only drawn around the hand closer "
+        "`scale`, give links whose collision shapes are only drawn around the hand closer "
         "ones, or set require_retreat to false",
     )
 
@@ -53,7 +53,7 @@ def opening_error(moving: MovingArm, held: AttachedObject) -> GraspError | None:
 def grasp_error(arm: Arm, grasp: int, remedy: str) -> GraspError:
     """What is wrong with a grasp, named with its pose."""
     pose = pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist()
-    return GraspError(f"{arm.name}.grasps[{grasp}]", pose, remedy)
+    return GraspError(f"`grasps[{grasp}]` of arm {arm.name}", pose, remedy)
 
 
 @weak_lru_cache("body", maxsize=64)

@@ -35,11 +35,8 @@ WITH_CLOUDS = "in collision with the clouds"
 """How a collision with the obstacle set begins, in words."""
 
 MOVE_ROBOT = "move the robot to where it keeps collision_margin with the object in hand"
-CHECK_GRASP = "check grasps and object.scale, as the held object is in the way"
-FILTER_ITSELF = (
-    "where these are points of the robot or of the object, set self_filter.enabled or raise "
-    "self_filter.padding"
-)
+CHECK_GRASP = "check grasps and `scale`, as the held object is in the way"
+FILTER_ITSELF = "where these are points of the robot or of the object, leave them out: `own points`"
 _NAMED_PAIRS = 3
 """Pairs of links that are named at most."""
 
@@ -126,7 +123,7 @@ def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementP
     # All faults in one sentence, and every remedy once.
     remedies = dict.fromkeys(remedy for fault in faults for remedy in fault.remedies)
     words = [*(fault.words for fault in faults), *map(str, bad_grasps)]
-    return StartError("joint_states", listed(words, "; ", 4), "; ".join(remedies))
+    return StartError("`q_start`", listed(words, "; ", 4), "; ".join(remedies))
 
 
 def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
@@ -217,11 +214,11 @@ class StartState:
         if limit is None or tilt <= limit.most:
             return None
         return Fault(
-            f"object.up is {in_degrees(tilt)} from the vertical at q_0, and carry.max_tilt "
+            f"`up` is {in_degrees(tilt)} from the vertical at q_0, and `max_tilt` "
             f"{in_degrees(limit.most)}",
             (
-                "bring the object upright before start, raise carry.max_tilt, or correct object.up "
-                "or the grasp",
+                "bring the object upright before start, raise `max_tilt`, or correct `up` or the "
+                "grasp",
             ),
         )
 
@@ -246,7 +243,7 @@ class StartState:
             grasp,
             f"the object lies in {links}; move the grasp, list "
             f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
-            "object.scale where the object is not that large",
+            "`scale` where the object is not that large",
         )
 
     def _object_at(self, arm: Arm, grasp: int) -> pin.SE3:
@@ -280,7 +277,7 @@ class StartState:
             return None
         remedy = (
             "where the robot does stand like this and only its meshes overlap, add to the SRDF "
-            "(robot_description_semantic; without one, to what placement_check_robot --write-srdf "
+            "(`srdf`; without one, to what placement_check_robot --write-srdf "
             f"writes): {' '.join(map(srdf_line, met))}"
         )
         return Fault(f"in self-collision: {listed([*met.values()])}", (remedy, MOVE_ROBOT))

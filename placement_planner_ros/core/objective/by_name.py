@@ -46,9 +46,7 @@ def make_term(name: str, context: ObjectiveContext) -> Term:
     if name in BUILT_IN:
         return BUILT_IN[name](context)
     if name not in term_names():
-        raise ParameterError(
-            "objective_terms", name, f"is no term; choose of {', '.join(term_names())}"
-        )
+        raise ParameterError("`terms`", name, f"is no term; choose of {', '.join(term_names())}")
     return PlugInTerm(make_objective(name, context))
 
 

@@ -47,7 +47,7 @@ class SupportingFaces:
     def __init__(self, context: ObjectiveContext) -> None:
         if not context.body.faces:
             raise ParameterError(
-                "objective_terms",
+                "`terms`",
                 "terms of the face that is down",
                 "the object can stand on none: leave out high, edge, aligned and stance",
             )

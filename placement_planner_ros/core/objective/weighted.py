@@ -127,7 +127,7 @@ class _WeightedPart:
 
 
 class Weighted:
-    """ξ = Σ weight · term / scale, over `objective_terms`.
+    """ξ = Σ weight · term / scale, over `WishSettings.terms`.
 
     Dear terms are computed only for poses that could be better by all that is known of the others.
 
@@ -146,7 +146,7 @@ class Weighted:
     ) -> None:
         wishes = context.wishes
         if not wishes.terms:
-            raise ParameterError("objective_terms", [], "name at least one for objective: weighted")
+            raise ParameterError("`terms`", [], "name at least one for objective: weighted")
         wishes.require_consistent()
         weights = wishes.weights or (1.0,) * len(wishes.terms)
         self._terms = {name: make(name, context) for name in wishes.terms}

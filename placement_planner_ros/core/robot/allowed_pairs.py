@@ -106,11 +106,9 @@ def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
         RobotError: not an SRDF.
     """
     # Default rules of links, single pairs, and pairs that are enabled again.
-    root = read_xml(text, "robot_description_semantic")
+    root = read_xml(text, "`srdf`")
     if root.tag != "robot":
-        raise RobotError(
-            "robot_description_semantic", f"<{root.tag}>", "give an SRDF: its root is <robot>"
-        )
+        raise RobotError("`srdf`", f"<{root.tag}>", "give an SRDF: its root is <robot>")
 
     def pairs(tag: str) -> set[Pair]:
         return {sorted_pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}

@@ -69,7 +69,7 @@ class Announcement:
         ]
         return (
             f"arm {self.arm}: nobody states the {' and the '.join(words)}, so they are assumed; "
-            "give MoveIt's joint_limits.yaml as robot_description_planning, or set "
+            "give MoveIt's joint_limits.yaml as `joint_limits`, or set "
             "acceleration_limits"
         )
 

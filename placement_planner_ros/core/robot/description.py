@@ -106,9 +106,7 @@ class Description:
         try:
             return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
         except (RuntimeError, ValueError) as error:  # as C++ raises at what it is given
-            raise RobotError(
-                "robot_description", self.root.get("name"), f"is refused: {error}"
-            ) from error
+            raise RobotError("`urdf`", self.root.get("name"), f"is refused: {error}") from error
 
 
 _KINEMATIC = {
@@ -141,8 +139,16 @@ def read_xml(text: str, field: str) -> ET.Element:
         return builder.close()
     except expat.ExpatError as error:
         lines = text.splitlines()
-        line = lines[min(error.lineno, len(lines)) - 1].strip() if lines else ""
-        remedy = f"is not XML ({error}); give the text of the file"
+        if not text.strip():
+            raise RobotError(field, text, "is empty; give the text of the file") from error
+        # what ends within an element was cut, or has lost an end tag
+        cut = error.lineno >= len(lines) and "<" in text
+        line = lines[min(error.lineno, len(lines)) - 1].strip()
+        remedy = (
+            f"ends before it is complete ({error}); give the whole text of the file"
+            if cut
+            else f"is not XML ({error}); give the text of the file"
+        )
         raise RobotError(f"{field}, line {error.lineno}", line[:60], remedy) from error
     except ValueError as error:  # characters that no XML has
         remedy = f"is not XML ({error}); give the text of the file"
@@ -159,12 +165,10 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
         RobotError: not XML, too much of it, not a tree of links, a joint of a kind or with a range
             that planning cannot use.
     """
-    root, limits = read_xml(text, "robot_description"), limits or {}
+    root, limits = read_xml(text, "`urdf`"), limits or {}
     # The right kind of file.
     if root.tag != "robot":
-        raise RobotError(
-            "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
-        )
+        raise RobotError("`urdf`", f"<{root.tag}>", "give a URDF: its root element is <robot>")
     # The tree, and rotations in the one form that is read below.
     _check_tree(root)
     warnings = [*_unexpanded_xacro(root), *_rotations_as_rpy(root)]
@@ -271,7 +275,7 @@ def read_origin(element: ET.Element, field: str) -> pin.SE3:
 def _name_of(element: ET.Element) -> str:
     name = element.get("name")
     if not name:
-        raise RobotError("robot_description", f"<{element.tag}>", "give the element a name")
+        raise RobotError("`urdf`", f"<{element.tag}>", "give the element a name")
     return name
 
 
@@ -280,11 +284,11 @@ def _check_tree(root: ET.Element) -> None:
     links, joints = ([_name_of(e) for e in root.findall(tag)] for tag in ("link", "joint"))
     if not 0 < len(links) <= MAX_LINKS:
         words = f"{len(links)} links"
-        raise RobotError("robot_description", words, f"a robot has 1 to {MAX_LINKS}")
+        raise RobotError("`urdf`", words, f"a robot has 1 to {MAX_LINKS}")
     # A second one of a name would stand in for the first.
     twice = [name for names in (links, joints) for name in set(names) if names.count(name) > 1]
     if twice:
-        raise RobotError("robot_description", min(twice), "occurs twice; names are unique")
+        raise RobotError("`urdf`", min(twice), "occurs twice; names are unique")
     # Each link below one joint at most, and all of them below the same root.
     parents: dict[str, str] = {}
     for name, joint in zip(joints, root.findall("joint"), strict=True):
@@ -296,7 +300,7 @@ def _check_tree(root: ET.Element) -> None:
     roots = [link for link in links if link not in parents]
     if len(roots) > 1:
         raise RobotError(
-            "robot_description", roots, "are the roots of several trees; add a fixed joint between"
+            "`urdf`", roots, "are the roots of several trees; add a fixed joint between"
         )
     # What no way from the root leads to hangs on itself.
     reached: set[str] = set(roots)

@@ -134,7 +134,7 @@ def build_geometry(
     count = sum(1 for _ in root.iterfind("link/collision"))
     if count > MAX_SHAPES:
         raise RobotError(
-            "robot_description",
+            "`urdf`",
             f"{count} collision shapes",
             f"is more than a robot may have, {MAX_SHAPES}",
         )

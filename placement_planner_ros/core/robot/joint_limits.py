@@ -9,7 +9,7 @@ from typing import Literal
 
 from placement_planner_ros.core.errors import RobotError
 
-FIELD = "robot_description_planning"
+FIELD = "`joint_limits`"
 """Under which MoveIt's limits are given."""
 
 DEFAULT_ANGULAR_VELOCITY = 1.0
@@ -86,7 +86,7 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
         RobotError: not of that form, or a limit is no number, or not above zero.
     """
     # Below the levels that MoveIt has around.
-    for level in (FIELD, "joint_limits"):
+    for level in ("robot_description_planning", "joint_limits"):
         if isinstance(given, Mapping) and level in given:
             given = given[level]
     given = {} if given is None else given
@@ -115,7 +115,7 @@ def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
         if value is None or kind in off:
             numbers[name] = None
             continue
-        field = f"{FIELD}.joint_limits.{joint}.{name}"
+        field = f"{FIELD}: {joint}.{name}"
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise RobotError(field, value, "give a number")
         if kind == "deceleration":

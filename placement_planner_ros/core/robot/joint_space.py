@@ -108,7 +108,7 @@ class JointSpace:
             if not (isinstance(v, Real) and math.isfinite(v))
         ]
         if bad:
-            raise JointStateError("joint_states: values", bad, "must be finite numbers")
+            raise JointStateError("`q_start`: values", bad, "must be finite numbers")
         for name, value in positions.items():
             q[self.index(name)] = value
         for name, mimic in self.mimics.items():
@@ -126,7 +126,7 @@ class JointSpace:
         far &= np.isin(self.joint_names, list(joints))
         if far.any():
             raise StartError(
-                "joint_states",
+                "`q_start`",
                 [f"{name} = {value:.6g}" for name, value in self._those(q, far)],
                 listed(self.limit_violations(np.where(far, q, self.lower)), "; ")
                 + f", by more than {FAR_BEYOND:g}: publish rad or m",

@@ -182,7 +182,7 @@ class Robot(JointSpace):
         wanted = {*self.needed_joints, *also}.difference(self.mimics)
         missing = [name for name in self.joint_names if name in wanted and name not in positions]
         if missing:
-            raise JointStateError("joint_states: missing", missing, "give these joints too")
+            raise JointStateError("`q_start`: missing", missing, "give these joints too")
         # All that is given; the others at zero or the limit next to it.
         known = [n for n in self.joint_names if n in positions and n not in self.mimics]
         q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
@@ -259,12 +259,10 @@ class Robot(JointSpace):
             words = (
                 "is no link of the robot; name one, or add it by a fixed joint, or leave it empty"
             )
-            raise RobotError("planning_frame", frame, words)
+            raise RobotError("`root frame`", frame, words)
         link = self.model.frames[self.frame_id(frame)]
         if link.parentJoint != 0:
-            raise RobotError(
-                "planning_frame", frame, "moves; name a frame fixed to the robot's root"
-            )
+            raise RobotError("`root frame`", frame, "moves; name a frame fixed to the robot's root")
         return self.carried(link.placement.inverse(), frame)
 
     def chain_joints(self, link: str) -> tuple[str, ...]:
@@ -304,7 +302,7 @@ def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
     words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
     if not hidden:
         return [words]
-    remedy = "give robot_description_semantic where these can really meet"
+    remedy = "give `srdf` where these can really meet"
     return [f"{words}, and {len(hidden)} more; {remedy}", *(f"left out: {each}" for each in hidden)]
 
 

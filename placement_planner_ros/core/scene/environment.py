@@ -48,9 +48,9 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
     most = GridSettings().max_cells
     if cells > most:
         raise VolumeError(
-            "target_volume",
+            "`volume`",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
-            f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
+            f"has {cells:.3g} cells of {cell_size:g} m, the `cell_size`; it may have "
             f"{most:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
         )
 

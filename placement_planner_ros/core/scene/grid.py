@@ -345,6 +345,6 @@ def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[in
             "workspace",
             f"{shown} m",
             f"is more than {settings.max_cells} cells of {settings.cell_size} m; "
-            "bring target_volume nearer to the robot, or set a larger cell size",
+            "bring `volume` nearer to the robot, or set a larger cell size",
         )
     return int(sides[0]), int(sides[1]), int(sides[2])

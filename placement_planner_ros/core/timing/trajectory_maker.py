@@ -39,7 +39,7 @@ class TimingSettings(Settings):
         "[0.001, 10000]",
         "rad/s^2 or m/s^2",
         "One limit for all joints, or one for each joint of the arm. Left as it is, joints keep to "
-        "the limit that robot_description_planning states, and those that slide to 0.5.",
+        "the limit that `joint_limits` states, and those that slide to 0.5.",
     )
     approach_scaling: float = setting(0.25, "(0, 1]")
     shortcut_attempts: int = setting(100, "[0, inf)")

@@ -27,27 +27,27 @@ class TurnSettings(Settings):
         (), text="Direction in the object's frame that points up where it stands; empty: any may."
     )
     up_tolerance: float = setting(
-        0.17, f"[0, {math.pi}]", "rad", "How far object.up may be from the vertical."
+        0.17, f"[0, {math.pi}]", "rad", "How far `up` may be from the vertical."
     )
     front: tuple[float, ...] = setting(
         (),
         text="Direction in the object's frame whose horizontal part faces "
-        "object.front_direction where it stands; empty: any may. Rests in which it is within 5 "
+        "`front_direction` where it stands; empty: any may. Rests in which it is within 5 "
         "degrees of the vertical are out.",
     )
     front_direction: float = setting(
         0.0,
         unit="rad",
-        text="Azimuth that object.front faces, from x towards y of planning_frame.",
+        text="Azimuth that `front` faces, from x towards y of `root frame`.",
     )
     front_tolerance: float = setting(
-        0.26, f"[0, {math.pi}]", "rad", "How far object.front may be from object.front_direction."
+        0.26, f"[0, {math.pi}]", "rad", "How far `front` may be from `front_direction`."
     )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        checks.check_direction("object.up", self.up)
-        checks.check_direction("object.front", self.front)
+        checks.check_direction("`up`", self.up)
+        checks.check_direction("`front`", self.front)
 
     @property
     def asks(self) -> bool:
@@ -76,22 +76,21 @@ class WishSettings(Settings):
     weights: tuple[float, ...] = setting(
         (),
         "[-10000, 10000]",
-        text="Weights of objective_terms, one each; empty: all 1. A negative one reverses its "
-        "term.",
+        text="Weights of `terms`, one each; empty: all 1. A negative one reverses its term.",
     )
     near_pose: tuple[float, ...] = setting(
         (),
         unit="m",
-        text="Pose of the object in planning_frame that near and turn are measured to: "
+        text="Pose of the object in `root frame` that near and turn are measured to: "
         "x y z qx qy qz qw; empty: none.",
     )
     required: tuple[str, ...] = setting(
         (),
-        text="Names of terms, as in objective_terms, that are never below require_at_least, "
+        text="Names of terms, as in `terms`, that are never below `at_least`, "
         "whatever the objective.",
     )
     at_least: tuple[float, ...] = setting(
-        (), text="What require_terms are never below, one number each, in the term's own unit."
+        (), text="What `required` are never below, one number each, in the term's own unit."
     )
 
     def __post_init__(self) -> None:
@@ -107,19 +106,19 @@ class WishSettings(Settings):
         # One weight for each term, or none.
         if self.weights and len(self.weights) != len(self.terms):
             raise ParameterError(
-                "objective_weights",
+                "`weights`",
                 list(self.weights),
-                f"give one for each of the {len(self.terms)} objective_terms, or none",
+                f"give one for each of the {len(self.terms)} `terms`, or none",
             )
         # One number for each requirement.
         if len(self.at_least) != len(self.required):
             raise ParameterError(
-                "require_at_least",
+                "`at_least`",
                 list(self.at_least),
-                f"give one number for each of the {len(self.required)} require_terms",
+                f"give one number for each of the {len(self.required)} `required`",
             )
         # Terms that need a pose, and those named twice.
-        for name, given in (("objective_terms", self.terms), ("require_terms", self.required)):
+        for name, given in (("`terms`", self.terms), ("`required`", self.required)):
             if not self.near_pose and {"near", "turn"} & set(given):
                 raise ParameterError(name, list(given), "near and turn need near_pose; give it")
             if len(set(given)) != len(given):

@@ -48,10 +48,10 @@ class Turns:
         return kept
 
     def broken(self, rotation: Array) -> list[str]:
-        """The rules that an object turned by (3, 3) breaks, by the parameters they are set by."""
+        """The rules that an object turned by (3, 3) breaks, by the settings they are."""
         off = {
-            "object.up": self.leans(rotation[None])[0] - self.settings.up_tolerance,
-            "object.front": self.faces_away(rotation[None])[0] - self.settings.front_tolerance,
+            "`up`": self.leans(rotation[None])[0] - self.settings.up_tolerance,
+            "`front`": self.faces_away(rotation[None])[0] - self.settings.front_tolerance,
         }
         return [name for name, beyond in off.items() if beyond > _ANGLE_ROUNDING_RAD]
 

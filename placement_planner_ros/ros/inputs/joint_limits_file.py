@@ -41,7 +41,7 @@ def given_joint_limits(parameters: ParameterSet, files: Files) -> dict[str, Join
     Raises:
         RobotError: they are not of MoveIt's form.
     """
-    given = parameters[FIELD]
+    given = parameters["robot_description_planning"]
     if given:
         try:
             text = files.find(given, trusted=True).read_text(encoding="utf-8")

@@ -147,10 +147,8 @@ class RobotInput:
 
         def read(should_stop: ShouldStop) -> Robot:
             with MeshProcess(should_stop) as process:
-                tell = self.reading.tell
-                made = self._read(
-                    urdf, srdf, _MeshCovers(self._files, process, trusted, beside, tell)
-                )
+                meshes = _MeshCovers(self._files, process, trusted, beside, self.reading.tell)
+                made = self._read(urdf, srdf, meshes)
             # by these joint states are kept until another robot is read
             self.continuous_joints = made.continuous
             self.joint_names = frozenset(made.joint_names)
@@ -166,7 +164,9 @@ class RobotInput:
             frame = self._frame
             return robot if not frame or frame == robot.root_link else robot.seen_from(frame)
         except RobotError as error:
-            raise DescriptionError(error.field, error.value, error.remedy) from error
+            of_file = f" of {meshes.beside}" if meshes.beside and "`urdf`" in error.field else ""
+            field = f"{error.field}{of_file}"
+            raise DescriptionError(field, error.value, error.remedy) from error
 
 
 class _MeshCovers:
@@ -189,12 +189,12 @@ class _MeshCovers:
         self._files = files
         self._process = process
         self._trusted = trusted
-        self._beside = beside
+        self.beside = beside
         self._tell = tell
 
     def find(self, uri: str) -> Path:
         """The file that a mesh's URI names."""
-        path = self._files.find(uri, trusted=self._trusted, beside=self._beside)
+        path = self._files.find(uri, trusted=self._trusted, beside=self.beside)
         check_header(path)
         return path
 

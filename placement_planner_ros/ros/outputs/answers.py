@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from placement_planner_ros.core.errors import PlacementPlannerError, listed, sayable
+from placement_planner_ros.core.errors import PlacementPlannerError, listed
+from placement_planner_ros.ros.node_words import in_node_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ def answer(
     first = " ".join([f"code={code}", *(f"{k}={shown(v)}" for k, v in values.items())])
     return ServiceAnswer(
         code == "OK" if success is None else success,
-        sayable(f"{first}\n{words}" if words else first),
+        in_node_words(f"{first}\n{words}" if words else first),
     )
 
 

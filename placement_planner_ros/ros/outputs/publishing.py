@@ -20,11 +20,11 @@ from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
-from placement_planner_ros.core.errors import sayable
 from placement_planner_ros.core.scene.environment import Environment, level_with_largest
 from placement_planner_ros.core.scene.keep_out import boxes_of, cut
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.outputs.answers import shown
 from placement_planner_ros.ros.outputs.conversions import (
     pose_message,
@@ -201,9 +201,9 @@ class Outputs:
     def _statement(
         self, level: bytes, words: str, values: Mapping[str, object]
     ) -> DiagnosticStatus:
-        pairs = [KeyValue(key=name, value=sayable(shown(v))) for name, v in values.items()]
+        pairs = [KeyValue(key=name, value=in_node_words(shown(v))) for name, v in values.items()]
         name = self._node.get_name()
-        return DiagnosticStatus(level=level, name=name, message=sayable(words), values=pairs)
+        return DiagnosticStatus(level=level, name=name, message=in_node_words(words), values=pairs)
 
     def _now(self) -> Time:
         return self._node.get_clock().now().to_msg()

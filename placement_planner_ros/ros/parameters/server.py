@@ -20,9 +20,8 @@ from placement_planner_ros.core.errors import (
     NAMED_THINGS,
     ParameterError,
     PlacementPlannerError,
-    sayable,
 )
-from placement_planner_ros.core.robot.joint_limits import FIELD
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,
@@ -42,7 +41,12 @@ _TYPES = {
     "integer[]": Parameter.Type.INTEGER_ARRAY,
     "string[]": Parameter.Type.STRING_ARRAY,
 }
-NOT_OURS = ("use_sim_time", "qos_overrides.", f"{FIELD}.", "start_type_description_service")
+NOT_OURS = (
+    "use_sim_time",
+    "qos_overrides.",
+    "robot_description_planning.",
+    "start_type_description_service",
+)
 """How names begin that are parameters of rclpy's, or MoveIt's."""
 
 OnChange = Callable[[Sequence[str], ParameterSet], None]
@@ -197,7 +201,7 @@ class ParameterServer:
             if self._check is not None:
                 self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
-            return SetParametersResult(successful=False, reason=sayable(str(error)))
+            return SetParametersResult(successful=False, reason=in_node_words(str(error)))
         return SetParametersResult(successful=True)
 
     def _store(self, parameters: list[Parameter]) -> None:
@@ -214,7 +218,9 @@ def _descriptor(spec: Spec) -> ParameterDescriptor:
     notes += [f"one of {', '.join(meaning.choices)}"] if meaning.choices else []
     notes += ["read at start-up"] if spec.startup else []
     descriptor = ParameterDescriptor(
-        description=meaning.text, additional_constraints="; ".join(notes), dynamic_typing=True
+        description=in_node_words(meaning.text),
+        additional_constraints="; ".join(notes),
+        dynamic_typing=True,
     )
     ends = meaning.ends
     # a range of rclpy needs both ends, each in the type of the parameter

@@ -1,7 +1,7 @@
 """The node's parameters: which settings of the planner users can set, and what ROS adds.
 
-A setting needs one line, in `SETTINGS`: its default, words, unit and range stand with the setting's
-field. Knows nothing of rclpy: `server.py` declares all this.
+A setting needs one line, in `node_words.SETTINGS`: its default, words, unit and range stand with
+the setting's field. Knows nothing of rclpy: `server.py` declares all this.
 """
 
 from __future__ import annotations
@@ -9,57 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.robot.joint_limits import FIELD
-from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.wishes import checks as wish_checks
+from placement_planner_ros.ros.node_words import SETTINGS
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, own_spec
 from placement_planner_ros.scenes.scenes import CABINET_VOLUME
 from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
 
-SETTINGS: dict[type[Settings], dict[str, str]] = {
-    PlannerSettings: {
-        "sampler": "sampler",
-        "local_optimization": "local_optimization",
-        "collision_margin": "collision.collision_margin",
-        "contact_tolerance": "collision.contact_tolerance",
-        "support": "support",
-        "support_margin": "support_margin",
-        "edge_margin": "edge_margin",
-        "support_region": "support_region",
-        "contacts": "contacts",
-        "friction": "friction",
-        "stability_margin": "stability_margin",
-        "approach_distance": "approach.approach_distance",
-        "retreat_distance": "retreat.retreat_distance",
-        "require_retreat": "require_retreat",
-        "keep_out": "keep_out",
-        "objective_terms": "wishes.terms",
-        "objective_weights": "wishes.weights",
-        "near_pose": "wishes.near_pose",
-        "require_terms": "wishes.required",
-        "require_at_least": "wishes.at_least",
-        "velocity_scaling": "timing.velocity_scaling",
-        "acceleration_scaling": "timing.acceleration_scaling",
-        "acceleration_limits": "timing.acceleration_limits",
-        "carry.max_tilt": "carry.max_tilt",
-        "carry.max_acceleration": "carry.max_acceleration",
-        "object.up": "turns.up",
-        "object.up_tolerance": "turns.up_tolerance",
-        "object.front": "turns.front",
-        "object.front_direction": "turns.front_direction",
-        "object.front_tolerance": "turns.front_tolerance",
-    },
-    GridSettings: {"cloud.cell_size": "cell_size"},
-    RegionSettings: {"max_slope": "max_slope"},
-    BodySettings: {"object.flatness": "flatness", "object.allow_rolling": "allow_rolling"},
-}
-"""The parameters that are fields of settings, and where they stand there."""
 _CHECKS: dict[str, Check] = {
     "keep_out": wish_checks.check_boxes,
     "near_pose": wish_checks.check_pose_value,
@@ -84,7 +41,7 @@ _OWN = (
     _startup("robot_description_semantic", "string", "",
              "SRDF text, a path or a package:// URI: link pairs that self-collision checks leave "
              "out. Optional."),
-    _startup(FIELD, "string", "",
+    _startup("robot_description_planning", "string", "",
              "Path or package:// URI of MoveIt's joint_limits.yaml: acceleration limits, and "
              "ranges and velocity limits where they are narrower than the URDF's. Optional."),
     _startup("planning_frame", "string", "",

@@ -18,18 +18,17 @@ from placement_planner_ros.core.errors import (
     PlacementPlannerError,
 )
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.ros.node_words import SETTINGS
 from placement_planner_ros.ros.parameters.checks import named_numbers, poses_from_list
 from placement_planner_ros.ros.parameters.spec import Spec
-from placement_planner_ros.ros.parameters.table import SETTINGS
 
 CLOCK = "use_sim_time"
 """The parameter that every node has."""
-_JOINT_LIMITS = f"{FIELD}.joint_limits."
+_JOINT_LIMITS = "robot_description_planning.joint_limits."
 """How the names of limits begin that MoveIt's launch files give one by one."""
 NO_SUCH = "there is no such parameter"
 

@@ -238,7 +238,7 @@ class Run:
         """The words with the names of this node's own sensors."""
         frames = self.snapshot.parameters["sensor_frames"]
         names = [f"sensor_poses.{frame}" for frame in frames]
-        return words.replace(SENSOR, ", ".join(names)) if names else words
+        return words.replace(f"`{SENSOR}`", ", ".join(names)) if names else words
 
     def fail(self, error: BaseException) -> None:
         """End over an error, in the thread that met it."""

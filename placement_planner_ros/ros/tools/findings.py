@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.ros.node_words import in_node_words
 
 Made = TypeVar("Made")
 
@@ -33,12 +34,13 @@ class Findings:
 
     def say(self, words: str, indent: int = 0) -> None:
         """Say something in it."""
-        for line in words.splitlines() or [""]:
+        for line in in_node_words(words).splitlines() or [""]:
             print(textwrap.indent(_FILL.fill(line), " " * indent), flush=True)
 
     def wrong(self, fault: Exception | str) -> None:
         """Remember that something is wrong, once."""
-        self.faults += [line for line in str(fault).splitlines() if line not in self.faults]
+        said = in_node_words(str(fault)).splitlines()
+        self.faults += [line for line in said if line not in self.faults]
 
     def remark(self, words: str) -> None:
         """Remember something that may not be as it is meant."""

@@ -157,7 +157,7 @@ GOOD = box(0.1, 0.1, 0.1)
         (GOOD.vertices, GOOD.faces - 1, {}, "index"),
         (GOOD.vertices, GOOD.faces.astype(float), {}, "integers"),
         (GOOD.vertices * np.nan, GOOD.faces, {}, "finite"),
-        (GOOD.vertices * 1000.0, GOOD.faces, {}, "100 m across.*needs object.scale 0.001"),
+        (GOOD.vertices * 1000.0, GOOD.faces, {}, "100 m across.*needs `scale` 0.001"),
         (GOOD.vertices * 1e-3, GOOD.faces, {"scale": 1e-3}, "too small, less than 0.001 m; look"),
         (GOOD.vertices * 1e39, GOOD.faces, {}, "1e.38 m across.*larger than 2.0 m; look at its"),
         (GOOD.vertices * 2e309, GOOD.faces, {}, "finite"),

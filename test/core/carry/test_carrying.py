@@ -132,7 +132,7 @@ def test_of_several_grasps_those_that_lean_more_are_left_out(glass):
     )
     assert list(planner.holdings) == [("right", 0)]
     (words,) = planner.unusable
-    assert "right with grasp 1: object.up is 17" in words
+    assert "right with grasp 1: `up` is 17" in words
 
 
 def test_the_limit_is_named_where_it_leaves_no_way(glass):
@@ -146,7 +146,7 @@ def test_the_limit_is_named_where_it_leaves_no_way(glass):
     assert not list(planner.run(lambda: planner.motion.goals > 0))
     told = planner.explain()
     assert "no motion to any of them" in told.cause
-    assert told.remedies[0].parameter == "carry.max_tilt"
+    assert told.remedies[0].parameter == "max_tilt"
     assert "0.002 rad are set" in told.remedies[0].words
 
 

@@ -13,7 +13,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.explanation.constraint_table import TABLE as ROWS
 from placement_planner_ros.core.explanation.constraint_table import refused_in_short
 from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, quoted
 from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
@@ -21,6 +21,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict, steepness
+from placement_planner_ros.ros import node_words
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -38,6 +39,11 @@ NAMES = {
 @pytest.fixture(scope="module")
 def table():
     return problem_of(TABLE)
+
+
+def in_node_words(told):
+    """What the remedies are about, by the node's names."""
+    return [node_words.in_node_words(quoted(remedy.parameter)) for remedy in told.remedies]
 
 
 def planned(table, samples=600, **settings):
@@ -75,7 +81,7 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
     assert ROWS[verdict].did in told.cause
     refused = planner.statistics.rejected[verdict.name.lower()]
     assert f"{refused:,} of " in told.cause
-    named = [remedy.parameter for remedy in told.remedies]
+    named = in_node_words(told)
     assert [name for name in named if name in remedies] == remedies
     assert {name for names in named for name in names.split(", ")} <= NAMES
     tries = planner.statistics.rejected_by_arm
@@ -104,7 +110,7 @@ def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(tab
         r.parameter for r in (*reach.remedies, *support.remedies)
     }
     for each in (reach, support):
-        assert {name for r in each.remedies for name in r.parameter.split(", ")} <= NAMES
+        assert {name for names in in_node_words(each) for name in names.split(", ")} <= NAMES
 
 
 def test_where_no_motion_is_found_what_is_on_the_way_is_told(table):
@@ -157,8 +163,8 @@ def test_of_a_search_that_found_something_only_what_refused_much_is_told():
 def test_an_explanation_in_one_line_and_in_several():
     remedies = Remedy("umbrella", "open it"), Remedy("time", "wait")
     told = Explanation("it rains", remedies, ("wet",))
-    assert told.short == "it rains; try umbrella: open it; or time: wait"
-    assert str(told).splitlines() == ["it rains", "try umbrella: open it", "try time: wait", "wet"]
+    assert told.short == "it rains; try `umbrella`: open it; or `time`: wait"
+    assert str(told).splitlines()[1:] == ["try `umbrella`: open it", "try `time`: wait", "wet"]
     early = Explanation("it rains", (*remedies, Remedy("time_limit", "wait"))).cut_short(0.34)
     assert early.remedies == remedies
     assert early.cause == "it rains; it was stopped after 0.3 s, so let it search longer"

@@ -293,7 +293,7 @@ def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
     error = opening_error(jaws(0.0505, slide=0.0005), AttachedObject(body))
     assert (error is None) == (depth is None)
     if depth is not None:
-        assert re.search(rf"arm.grasps\[0\].*pushes finger {depth}", str(error))
+        assert re.search(rf"grasps\[0\]` of arm arm.*pushes finger {depth}", str(error))
 
 
 def jaws_over(body, opened, depth=0.0):

@@ -127,7 +127,7 @@ def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
     in_palm = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02]))
     bare = replace(left, touch_links=())
     (said,) = faults(problem, (replace(bare, grasps=(in_palm,)), problem.arms[1]))
-    assert "left.grasps[0]" in said
+    assert "`grasps[0]` of arm left" in said
     assert "lies in" in said
-    with pytest.raises(GraspError, match=r"touch_links.*object\.scale"):
+    with pytest.raises(GraspError, match=r"touch_links.*`scale`"):
         faults(problem, (replace(bare, grasps=(in_palm,)),))

@@ -129,7 +129,7 @@ def test_what_is_required_is_kept_by_whatever_is_published(table, sampler):
 
 
 def test_bad_combinations_are_refused(table):
-    with pytest.raises(ParameterError, match="objective_terms"):
+    with pytest.raises(ParameterError, match="`terms`"):
         planner_of(table, WishSettings())
     with pytest.raises(ParameterError, match="near_pose"):
         planner_of(table, WishSettings(terms=("near",)))

@@ -124,7 +124,7 @@ def test_angles_of_moveit_files_may_be_in_degrees():
     text = "j: {min_position: !degrees -90, max_position: !radians 0.5}"
     assert parse_joint_limits(text) == {"j": JointLimit(pytest.approx(-np.pi / 2), 0.5)}
     for bad in ("j: {max_position: !degrees ninety}", "j: {max_position: !miles 3}", "j: {"):
-        with pytest.raises(RobotError, match="robot_description_planning"):
+        with pytest.raises(RobotError, match="`joint_limits`"):
             parse_joint_limits(bad)
 
 

@@ -56,7 +56,7 @@ def test_a_range_makes_an_endless_joint_a_limited_one():
     robot = tower({"spin": JointLimit(-1.0, 1.0)})
     assert robot.continuous == frozenset()
     assert robot.upper[robot.index("spin")] == 1.0
-    with pytest.raises(RobotError, match=r"joint swing = .*robot_description_planning"):
+    with pytest.raises(RobotError, match=r"joint swing = .*`joint_limits`"):
         tower({"swing": JointLimit(2.5, 3.0)})
 
 

@@ -77,7 +77,7 @@ def test_one_coordinate_per_joint():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not xml", "robot_description.*XML"),
+        ("not xml", "`urdf`.*XML"),
         ("<sdf/>", "root element is <robot>"),
         (urdf(), "a robot has 1 to"),
         (urdf(link("a"), link("a")), "'a'.*twice"),
@@ -186,7 +186,7 @@ def test_a_robot_is_the_same_seen_from_a_link_that_is_fixed_to_its_root():
     for each in ("base", "hand"):
         between = [r.link_pose(q, "floor").actInv(r.link_pose(q, each)) for r in (robot, seen)]
         assert between[0].isApprox(between[1])
-    with pytest.raises(RobotError, match="planning_frame = 'hand': moves"):
+    with pytest.raises(RobotError, match="`root frame` = 'hand': moves"):
         robot.seen_from("hand")
 
 
@@ -307,7 +307,7 @@ def test_srdf():
     assert ("base", "one") not in robot.allowed_pairs
     assert any("ghost" in warning for warning in robot.warnings)
     for bad in ("nonsense", "<sdf/>"):
-        with pytest.raises(RobotError, match="robot_description_semantic"):
+        with pytest.raises(RobotError, match="`srdf`"):
             Robot.from_urdf(hand_urdf(), srdf=bad)
 
 

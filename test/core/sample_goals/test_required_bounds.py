@@ -88,4 +88,4 @@ def test_where_no_pose_reaches_it_the_search_ends_and_says_so(table, name, least
     assert Ruling.BREAKS_RULE in rulings
     assert rulings <= {Ruling.BREAKS_RULE, Ruling.UNSUPPORTED}
     assert "every pose on the placement regions is against a rule" in planner.exhausted
-    assert [each.parameter for each in planner.explain().remedies] == ["require_terms"]
+    assert [each.parameter for each in planner.explain().remedies] == ["required"]

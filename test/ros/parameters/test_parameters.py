@@ -8,6 +8,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,
@@ -55,7 +56,7 @@ def test_every_default_is_accepted_by_its_own_checks():
 def test_bad_values_are_refused_by_name(name, value, error):
     with pytest.raises(error) as raised:
         ParameterSet(SPECS, {name: value})
-    assert name in str(raised.value)
+    assert name in in_node_words(str(raised.value))
 
 
 @pytest.mark.parametrize(
@@ -70,8 +71,9 @@ def test_bad_values_are_refused_by_name(name, value, error):
 )
 def test_what_does_not_fit_together_is_refused_at_start_and_not_before(values, blamed):
     wishes = ParameterSet(SPECS, values).planner_settings.wishes
-    with pytest.raises(ParameterError, match=f"^{blamed} ="):
+    with pytest.raises(ParameterError) as refused:
         wishes.require_consistent()
+    assert in_node_words(str(refused.value)).startswith(f"{blamed} =")
 
 
 def test_numbers_may_come_as_text_as_yaml_takes_some_for_it():
@@ -103,7 +105,7 @@ def test_unknown_names_are_refused():
 )
 def test_a_mesh_that_is_too_large_is_refused_when_it_is_set(name, most):
     value = array("d" if name.endswith("vertices") else "q", bytes(24 * (most + 1)))
-    with pytest.raises(ObjectError, match=rf"{name} = '{most + 1} of them': .* {most}"):
+    with pytest.raises(ObjectError, match=rf"`{name[7:]}` = '{most + 1} of them': .* {most}"):
         parameter_set().changed({name: value})
 
 
