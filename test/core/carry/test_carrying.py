@@ -113,11 +113,11 @@ def test_a_start_that_leans_more_is_refused_with_the_angle(glass):
     problem, objective, _ = glass
     settings = settings_of(np.radians(2.0))
     tilt = settings.tilt
-    with pytest.raises(StartError, match=r"(?s)object\.up is [2-5]\.\d° .*carry\.max_tilt 2\.0°"):
+    with pytest.raises(StartError, match=r"(?s)`up` is [2-5]\.\d° .*`max_tilt` 2\.0°"):
         PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     collision = settings.collision
     args = problem.robot, problem.arms, problem.q_start, problem.body
-    with pytest.raises(StartError, match=r"(?s)object\.up is [2-5]\.\d° .*carry\.max_tilt 2\.0°"):
+    with pytest.raises(StartError, match=r"(?s)`up` is [2-5]\.\d° .*`max_tilt` 2\.0°"):
         faults_at_start(*args, StartRules(collision, tilt=tilt))
     assert faults_at_start(*args, StartRules(collision)) == ()
 
