@@ -12,6 +12,7 @@ from __future__ import annotations
 import atexit
 import functools
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -24,6 +25,8 @@ from placement_planner_ros.core.disk_cache import TROUBLES, cache_folder
 CORE = Path(__file__).parent
 _KERNEL = re.compile(r"^@njit\((?!.*inline).*\)\ndef (\w+)", re.MULTILINE)
 """How a kernel begins that is not only written into others, and its name."""
+_ALL_KEPT = "all_kept.json"
+"""The file that is there once a folder has all kernels."""
 SHAPING = re.compile(r"njit\(|NamedTuple\)|DefaultPassBuilder")
 """In files that have kernels, or what kernels take."""
 
@@ -57,13 +60,41 @@ def kernel_folder() -> Path | None:
     return folder / name if folder is not None and folder.name != name else folder
 
 
+def are_all_kept(folder: Path) -> bool:
+    """Whether the folder has all kernels."""
+    return (folder / _ALL_KEPT).is_file()
+
+
+def note_all_kept(folder: Path) -> None:
+    """Write down that the folder has all kernels, and how long its files are.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    sizes = {str(path.relative_to(folder)): path.stat().st_size for path in folder.glob("*/*.nb?")}
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as aside:
+        json.dump(sizes, aside)
+    os.replace(aside.name, folder / _ALL_KEPT)
+
+
+def _has_lost_content(folder: Path) -> bool:
+    """Whether a file is gone, or shorter than it was; those that others add do not matter."""
+    if not are_all_kept(folder):
+        return False
+    try:
+        sizes = json.loads((folder / _ALL_KEPT).read_bytes())
+        return any((folder / name).stat().st_size < size for name, size in sizes.items())
+    except (ValueError, FileNotFoundError):
+        return True
+
+
 def use_kernel_folder() -> None:
     """Have numba keep kernels in that folder, in this process and those that it begins.
 
-    For programs, before anything imports numba. Where that folder cannot be written they are kept
-    for as long as the program runs, and what is in there is used.
+    For programs, before anything imports numba. Where the folder has lost content, as after a power
+    cut, it is emptied. Where it cannot be written kernels are kept for as long as the program runs,
+    and what is in there is used.
     """
-    # A folder that can be written, or one for as long as this runs.
     folder = kernel_folder()
     try:
         if folder is None:
@@ -71,6 +102,11 @@ def use_kernel_folder() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        if _has_lost_content(folder):
+            words = f"compiled kernels in {folder} are damaged: they are removed and made anew"
+            TROUBLES.note("damaged", words)
+            shutil.rmtree(folder)
+            folder.mkdir()
     except OSError as error:
         TROUBLES.note(
             "unwritten",
@@ -80,7 +116,8 @@ def use_kernel_folder() -> None:
         )
         aside = tempfile.mkdtemp(prefix="kernels-")
         atexit.register(shutil.rmtree, aside, ignore_errors=True)
-        if folder is not None and folder.is_dir():
-            shutil.copytree(folder, aside, dirs_exist_ok=True)
-        folder = Path(aside)
+        os.environ["NUMBA_CACHE_DIR"] = aside
+        unwritten, folder = folder, kernel_folder()
+        if unwritten is not None and unwritten.is_dir():
+            shutil.copytree(unwritten, str(folder))
     os.environ["NUMBA_CACHE_DIR"] = str(folder)

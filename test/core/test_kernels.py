@@ -23,6 +23,7 @@ PLACE = (
     "import numba\n"
     "print(numba.config.CACHE_DIR)"
 )
+SAYING = "from placement_planner_ros.core.disk_cache import TROUBLES\nTROUBLES.listen(print)\n"
 
 
 def run(code: str, **environment: str) -> str:
@@ -66,8 +67,7 @@ def test_programs_keep_kernels_below_the_folder_that_is_asked_for(tmp_path):
 def test_where_nothing_can_be_written_kernels_go_with_the_program_and_that_is_said(tmp_path):
     (tmp_path / "file").write_text("mine")
     said = run(
-        "from placement_planner_ros.core.disk_cache import TROUBLES\n"
-        "TROUBLES.listen(print)\n" + PLACE,
+        SAYING + PLACE,
         XDG_CACHE_HOME=str(tmp_path / "file"),
     )
     trouble, place = said.splitlines()
@@ -75,6 +75,45 @@ def test_where_nothing_can_be_written_kernels_go_with_the_program_and_that_is_sa
     assert "XDG_CACHE_HOME" in trouble
     assert not Path(place).exists()
     assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("change", ["none", "longer", "shorter", "gone"])
+def test_a_folder_that_has_lost_content_is_emptied_and_that_is_said(change, tmp_path):
+    saying = f"{SAYING}{PLACE}"
+    folder = Path(run(saying, NUMBA_CACHE_DIR=str(tmp_path)))
+    file = folder / "module" / "kernel.nbc"
+    file.parent.mkdir()
+    file.write_bytes(b"content")
+    kernels.note_all_kept(folder)
+    if change == "gone":
+        file.unlink()
+    else:
+        file.write_bytes({"none": b"content", "longer": b"content more", "shorter": b""}[change])
+    *said, place = run(saying, NUMBA_CACHE_DIR=str(tmp_path)).splitlines()
+    assert Path(place) == folder
+    if change in ("none", "longer"):
+        assert not said
+        assert kernels.are_all_kept(folder)
+    else:
+        assert str(folder) in said[0]
+        assert list(folder.iterdir()) == []
+
+
+def test_what_cannot_be_written_is_used(tmp_path):
+    folder = Path(run(PLACE, NUMBA_CACHE_DIR=str(tmp_path)))
+    kernels.note_all_kept(folder)
+    code = (
+        "import pathlib, tempfile\n"
+        "from placement_planner_ros.core import kernels\n"
+        "def refuse(**_): raise PermissionError(13, 'Permission denied')\n"
+        "tempfile.TemporaryFile = refuse\n"
+        "kernels.use_kernel_folder()\n"
+        "folder = kernels.kernel_folder()\n"
+        "print(kernels.are_all_kept(folder), folder)"
+    )
+    kept, aside = run(code, NUMBA_CACHE_DIR=str(tmp_path)).split()
+    assert kept == "True"
+    assert Path(aside) != folder
 
 
 CALLED = """

@@ -12,7 +12,6 @@ from rclpy.parameter import Parameter
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
 
-from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.qos import LATCHED
@@ -46,16 +45,6 @@ def slow(monkeypatch):
     yield begin
     for gate in gates.values():
         gate.set()
-
-
-@pytest.fixture(autouse=True)
-def no_object_kept(monkeypatch):
-    """No prepared object of another test or run is found on disk."""
-    opened = disk_cache._open_results
-    kept = "prepared objects"
-    monkeypatch.setattr(
-        disk_cache, "_open_results", lambda kind, at: None if kind == kept else opened(kind, at)
-    )
 
 
 def message(mesh):

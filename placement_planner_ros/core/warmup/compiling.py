@@ -2,8 +2,8 @@
 
 A process that compiles keeps what the compiler took, for its life, and compiles on one core only.
 As many as there are cores pass the stages of `KnownTask`, each beginning with another one. A kernel
-is compiled by one of them: the others turn to another stage meanwhile, or wait, and then find it on
-disk. All end where the process that began them does.
+is compiled by one of them: the others turn to another stage meanwhile, and find it on disk when
+they come back. All end where the process that began them does.
 """
 
 from __future__ import annotations
@@ -16,28 +16,26 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from filelock import FileLock, Timeout
 from numba.core import event
 
 from placement_planner_ros.core.child_process import child_environment
-from placement_planner_ros.core.disk_cache import bypassed_cache
-from placement_planner_ros.core.kernels import kernel_folder, kernel_names
+from placement_planner_ros.core.kernels import (
+    are_all_kept,
+    kernel_folder,
+    kernel_names,
+    note_all_kept,
+)
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.warmup.known_task import STAGES, KnownTask
-from placement_planner_ros.core.warmup.loading import CORE_PACKAGE, keep_passed, passed_file
 
 _LOOK_PERIOD_S = 0.5
-"""Seconds between looks at how far the processes are."""
-
-_KERNEL_BYTES = 100_000_000
-"""Bytes that all kernels take at most."""
-
-_SPARING = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""For each process: one core."""
+"""Seconds between looks at how far the processes are, and at what another one compiles."""
 
 
 class CompilationError(Exception):
@@ -51,25 +49,13 @@ class CompilationProgress:
     Attributes:
         done: kernels that are compiled.
         kernels: how many there are.
-        seconds: since it began.
-        before: kernels that were compiled when it began.
     """
 
     done: int
     kernels: int
-    seconds: float
-    before: int = 0
-
-    @property
-    def left(self) -> float | None:
-        """Seconds that it will take still, as far as can be told."""
-        made = self.done - self.before
-        return None if made < 10 else self.seconds * (self.kernels - self.done) / made
 
     def __str__(self) -> str:
-        told = self.left is not None and self.done < self.kernels
-        left = f", some {max(self.left or 0.0, 1.0):.0f} s left" if told else ""
-        return f"{self.done} of {self.kernels} kernels compiled{left}"
+        return f"{self.done} of {self.kernels} kernels compiled"
 
 
 def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
@@ -82,79 +68,71 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
         CompilationError: it failed, or what is compiled cannot be kept.
         StoppedError: nobody wants them any more.
     """
-    # Nothing is missing where every stage was passed before.
-    passed = passed_file()
-    if passed is not None and passed.is_file():
-        return
-    folder = _folder_with_room()
-    kernels, began, before, said = len(kernel_names()), time.monotonic(), _compiled_in(folder), -1
-
-    def tell(done: int) -> None:
-        nonlocal said
-        if done > said:
-            said = done
-            told(CompilationProgress(done, kernels, time.monotonic() - began, before))
-
-    # Processes compile, and the folder tells how far they are.
-    with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
-        _run_processes(errors, lambda: tell(_compiled_in(folder)))
-    tell(kernels)
-
-
-def _compiled_in(folder: Path) -> int:
-    """How many kernels a folder has in one version or more; it may have others, which are only
-    written into these unless Python calls them."""
-    return len(kernel_names() & {path.name.partition("-")[0] for path in folder.glob("*/*.nbi")})
-
-
-def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
-    """Have the processes work to their end, and look at them meanwhile.
-
-    Raises:
-        CompilationError: one failed.
-        StoppedError: nobody wants them any more.
-    """
-    with _spawn_process(errors) as process:
-        try:
-            while process.poll() is None:
-                step("compiling kernels")
-                look()
-                time.sleep(_LOOK_PERIOD_S)
-        finally:
-            process.kill()  # the copies of it end as the pipe is closed
-    if process.returncode != 0:
-        # The last that they said.
-        errors.seek(0)
-        last = " ".join(errors.read().decode(errors="replace").split())[-300:]
-        raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
-
-
-def _folder_with_room() -> Path:
-    """Find out at once that nothing can be kept.
-
-    Raises:
-        CompilationError: it cannot.
-    """
     folder = kernel_folder()
     if folder is None:
         raise CompilationError("there is no home folder")
+    if are_all_kept(folder):
+        return
+    kernels, said = kernel_names(), -1
+
+    def look() -> None:
+        # Others in there are only written into these, unless Python calls them.
+        nonlocal said
+        done = len(kernels & {path.name.partition("-")[0] for path in folder.glob("*/*.nbi")})
+        if done > said:
+            said = done
+            told(CompilationProgress(done, len(kernels)))
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(bytes(_KERNEL_BYTES))
+        with tempfile.TemporaryDirectory() as aside:
+            _run_processes(folder, Path(aside), look)
+        look()
+        note_all_kept(folder)
     except OSError as error:
         raise CompilationError(f"{folder}: {error.strerror or error}") from error
-    return folder
 
 
-def _spawn_process(errors: IO[bytes]) -> subprocess.Popen[bytes]:
+def _run_processes(folder: Path, aside: Path, look: Callable[[], None]) -> None:
+    """Have processes compile, and look at them meanwhile.
+
+    Args:
+        aside: an empty folder.
+
+    Raises:
+        CompilationError: it failed.
+        StoppedError: nobody wants them any more.
+    """
+    errors = aside / "errors"
+    with ExitStack() as ended, errors.open("wb") as output:
+        processes: list[subprocess.Popen[bytes]] = []
+        for number in range(len(os.sched_getaffinity(0))):
+            process = _spawn_process(number, folder, aside, output.fileno())
+            processes.append(ended.enter_context(process))
+            ended.callback(process.kill)
+        # What has passed all stages has found, or made, all kernels.
+        while processes[0].poll() is None:
+            step("compiling kernels")
+            look()
+            time.sleep(_LOOK_PERIOD_S)
+    code = processes[0].returncode
+    if code != 0:
+        last = " ".join(errors.read_text(errors="replace").split())[-300:]
+        raise CompilationError(f"a process that compiled ended by {code}: {last}")
+
+
+def _spawn_process(number: int, folder: Path, aside: Path, errors: int) -> subprocess.Popen[bytes]:
+    """One that passes all stages on one core, beginning with another one than others do."""
+    # It finds no results on disk, as what makes these has kernels, too.
+    own = {"NUMBA_CACHE_DIR": str(folder), "XDG_CACHE_HOME": str(aside / f"{number}")}
+    one_core = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        [sys.executable, "-m", __name__, f"{number}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
-        env={**child_environment(), **_SPARING, "NUMBA_CACHE_DIR": str(kernel_folder())},
+        env={**child_environment(), **own, **one_core},
     )
 
 
@@ -163,14 +141,10 @@ class _Elsewhere(BaseException):
 
 
 class _Turns(event.Listener):
-    """Has a kernel compiled by one process at a time, as numba's index of its versions needs, too.
-
-    Attributes:
-        patient: whether what another process compiles is waited for, before `_Elsewhere` is raised.
-    """
+    """Has a kernel compiled by one process at a time; numba's index of its versions needs that."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self.patient = folder, False
+        self._folder = folder
         self._held: list[FileLock] = []
         self._done: list[FileLock] = []
 
@@ -181,14 +155,11 @@ class _Turns(event.Listener):
         kernel = told.data["dispatcher"].py_func
         lock = FileLock(self._folder / f"{kernel.__module__}.{kernel.__name__}.lock")
         self._held.append(lock)  # numba tells the end of whatever it told the start of
-        if not kernel.__module__.startswith(CORE_PACKAGE):
+        if not kernel.__module__.startswith(__package__.rpartition(".")[0]):
             return  # numba's own, which is not kept
         try:
-            # Ours to compile, or another one is at it.
             lock.acquire(timeout=0)
         except Timeout:
-            if self.patient:
-                lock.acquire()
             raise _Elsewhere from None
 
     def on_end(self, told: Any) -> None:
@@ -202,51 +173,23 @@ class _Turns(event.Listener):
 
 
 def _pass_stages(first: int) -> None:
-    """Pass all stages, from that one on."""
-    folder = kernel_folder()
-    assert folder is not None
-    turns = _Turns(folder)
+    """Pass all stages, from that one on; those that another process is at come again later."""
+    turns = _Turns(Path(os.environ["NUMBA_CACHE_DIR"]))
     event.register("numba:compile", turns)
-    # Stages in turn; those that wait for another process come again later.
-    waiting, put_off = deque(STAGES[first:] + STAGES[:first]), 0
+    waiting = deque(STAGES)
+    waiting.rotate(-first)
     task: KnownTask | None = None
-    with bypassed_cache():
-        while waiting:
-            # All were put off: wait for the first of them.
-            turns.patient = put_off >= len(waiting)
-            try:
-                task = task or KnownTask()
-                waiting[0](task)
-            except _Elsewhere:
-                waiting.rotate(-1)
-                put_off += 1
-            else:
-                waiting.popleft()
-                put_off = 0
+    while waiting:
+        try:
+            task = task or KnownTask()
+            waiting[0](task)
+        except _Elsewhere:
+            waiting.rotate(-1)
             turns.give_back()
-
-
-def _compile_in_processes() -> int:
-    """Compile in as many processes as there are cores, copies of what this one has imported.
-
-    Returns:
-        0 where none failed.
-    """
-    # A copy for each further core, beginning with another stage.
-    count = len(os.sched_getaffinity(0))
-    others: list[int] = []
-    while len(others) < count - 1:
-        others.append(os.fork())
-        if others[-1] == 0:  # this is the copy
-            threading.Thread(target=_end_with_caller, daemon=True).start()
-            _pass_stages(len(others) * len(STAGES) // count)
-            return 0
-    threading.Thread(target=_end_with_caller, daemon=True).start()
-    # This process does its share, then waits for the copies.
-    _pass_stages(0)
-    codes = [os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) for other in others]
-    keep_passed()
-    return next((code for code in codes if code), 0)
+            time.sleep(_LOOK_PERIOD_S)
+        else:
+            waiting.popleft()
+            turns.give_back()
 
 
 def _end_with_caller() -> None:
@@ -256,4 +199,5 @@ def _end_with_caller() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(_compile_in_processes())
+    threading.Thread(target=_end_with_caller, daemon=True).start()
+    _pass_stages(int(sys.argv[1]) * len(STAGES) // len(os.sched_getaffinity(0)))

@@ -1,20 +1,18 @@
-"""A placement task that is solved for its own sake: whoever has seen it calls no new kernel.
+"""A small placement task that is solved for its own sake: who has solved it calls no new kernel.
 
-A small made-up robot with joints and shapes of every kind puts down a box on a surface below it,
-where it is known to be free and to find a way: once with each sampler, then a hollow thing, then
-where nothing can be placed. So every stage of a search is passed, whatever robot the user has and
-wherever that stands.
+A gantry with a wrist puts a piece of a tube down on a surface that a camera above sees, where it is
+known to find a way, then finds none where nothing can be reached. What runs call besides a search,
+as for clouds that come meanwhile, is called directly. Kernels are the same whatever robot the user
+has.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
@@ -23,16 +21,12 @@ from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
-from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext, objective_gradient
-from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import seed_table
-from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.cloud import cropped
@@ -41,201 +35,144 @@ from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
-from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
-from placement_planner_ros.core.warmup.known_robot import START, known_robot
+from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 TASK_SAMPLES = 4000
 """Samples within which a task must be solved, or be known to be hopeless."""
 
+_LINKS = (
+    ("base", "fixed", "0 0 1", "0 0", 'box size="0.2 0.2 0.4"', "-0.8 0 0.2"),
+    ("bridge", "prismatic", "0 1 0", "-0.5 0.5", 'box size="0.1 0.1 0.1"', "-0.8 0 1.1"),
+    ("beam", "prismatic", "1 0 0", "-0.2 0.2", 'sphere radius="0.03"', "0 0 1.3"),
+    ("column", "prismatic", "1 0 0", "-0.5 0.5", 'cylinder radius="0.03" length="0.2"', "0 0 1.1"),
+    ("mast", "prismatic", "0 0 1", "-0.45 0.05", 'sphere radius="0.03"', "0 0 0.8"),
+    ("wrist_1", "continuous", "0 0 1", "0 0", 'box size="0.04 0.04 0.04"', "0 0 0.69"),
+    ("wrist_2", "revolute", "0 1 0", "-0.6 0.6", 'sphere radius="0.02"', "0 0 0.55"),
+    ("hand", "revolute", "1 0 0", "-0.6 0.6", 'box size="0.14 0.05 0.03"', "0 0 0.47"),
+)
+"""One after the other: name, kind, axis and limits of the joint before it, shape, and where that
+is; rad and m."""
+_UP = (0.0, 0.0, 1.0)
+"""Of the object, as it is held at first."""
+_VOLUME = np.array([[-0.25, -0.25, -0.05], [0.25, 0.25, 0.3]])
+"""(2, 3) m, corners of V."""
+
 
 class WarmupError(PlacementPlannerError):
-    """A stage of the search was not passed."""
+    """The known task was not solved."""
 
     code = "INTERNAL"
 
 
 class KnownTask:
-    """The task, and the stages of a search over it; each makes what it needs of those before."""
+    """The task in stages, which can be passed in any order.
+
+    Raises:
+        WarmupError: a stage was not passed.
+    """
 
     def __init__(self) -> None:
-        self._robot, self._arm = known_robot()
-        self._q = self._robot.with_positions(np.zeros(self._robot.model.nq), START)
-        self._moving = MovingArm(self._robot, self._arm, self._q)
-        self._box = _body_of_mesh(trimesh.creation.box((0.06, 0.06, 0.1)))
+        # The robot holds a piece of a tube, from above.
+        self._robot = Robot.from_urdf(_urdf_text())
+        grasp = np.eye(4)
+        grasp[2, 3] = 0.36
+        self._arm = self._robot.arm("arm", "hand", grasps=[grasp])
+        self._q = self._robot.configuration(dict.fromkeys(self._robot.joint_names, 0.0))
+        tube = trimesh.creation.annulus(0.015, 0.03, 0.1, sections=8)
+        self._body = Body.from_mesh(tube.vertices, tube.faces)
 
     def solve(self) -> None:
-        """Pass all stages.
-
-        Raises:
-            WarmupError: a stage was not passed.
-        """
+        """Pass all stages."""
         for stage in STAGES:
             stage(self)
 
-    def reach(self) -> None:
-        """Inverse kinematics, with the self-motions that only some searches need."""
-        # Solve, walk along self-motions and follow.
-        chain = Chain.from_robot(self._robot, self._arm, self._q)
-        q = self._q[self._arm.q_index]
-        tip = chain.forward(q)
-        inverse = InverseKinematics(chain, PlannerSettings().ik)
-        inverse.solve(tip, seed_table(chain).near(tip[None], 2, _stage_rng())[0])
-        inverse.sweep(tip, q[None])
-        inverse.track([tip, tip], q)
-        chain.jacobian(q, np.eye(4))
-
-    def configurations(self) -> None:
-        """Configurations that are free or not, and why not."""
-        arm, q = self._holding_arm(), self._q[self._arm.q_index]
-        arm.free_batch(q[None])
-        arm.explain(q)
-
-    def hands(self) -> None:
-        """Hands that are free or not."""
-        chain = Chain.from_robot(self._robot, self._arm, self._q)
-        self._holding_arm().hand_collides(chain.forward(self._q[self._arm.q_index]), 0.0)
-
-    def edges(self) -> None:
-        """Edges that are free or not."""
-        arm, q = self._holding_arm(), self._q[self._arm.q_index]
+    def move_arm(self) -> None:
+        """Edges that are free or not, what they sweep, and motions with a pose kept."""
+        chain, q = Chain.from_robot(self._robot, self._arm, self._q), self._q[self._arm.q_index]
+        cloud = _level_points(0.03)
+        moving = MovingArm(self._robot, self._arm, self._q)
+        obstacles = ObstacleSet.from_points(cloud)
+        arm = ArmCollision(moving, AttachedObject(self._body), obstacles)
         arm.edge_free(q, q + 0.01)
+        swept = SweptSpace([Stretch("", arm, np.array([q, q]))], obstacles, 0.01)
+        swept.first_hit(cloud[swept.news(cloud)])
+        InverseKinematics(chain, PlannerSettings().ik).sweep(chain.forward(q), q[None])
+        TiltConstraint(chain, np.eye(3), TiltLimit(np.array(_UP), 0.1)).project(q + 0.2)
 
-    def distances(self) -> None:
-        """Clearance and its gradient; how far surfaces go on, and what rises from them."""
-        # Clearance at a pose, and its gradient.
-        context = ObjectiveContext(self._environment, self._environment.volume, self._box)
-        objective = make_objective("maximize_clearance", context)
-        objective_gradient(objective, _translated_pose(0.05, 0.05, 0.06))
-        self._environment.clearance.distance(np.zeros((1, 3)))
-        self._environment.clearance.envelope(1.0)
-        # Support, and what rises from it.
-        support = self._environment.support
-        support.supported(np.zeros((1, 3)), 0.003, 0.05)
-        one, far_below = (
-            _translated_pose(0.05, 0.05, 0.06).homogeneous[None],
-            np.array([[-10.0, 0.0, 0.0]]),
-        )
-        rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
-        none = np.zeros(1)
-        rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
+    def look_around(self) -> None:
+        """The surroundings with what is not seen of them, and distances in them."""
+        clearance = self._environment.with_unknown().clearance
+        clearance.distance(np.zeros((1, 3)))
+        clearance.envelope(1.0)
 
-    def swept(self) -> None:
-        """What a path sweeps, against a cloud."""
-        arm, q = self._holding_arm(), self._q[self._arm.q_index]
-        swept = SweptSpace([Stretch("", arm, np.array([q, q]))], self._obstacles, 0.01)
-        near = _stage_rng().normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
-        swept.news(near)
-        swept.first_hit(near)
-
-    def carry(self) -> None:
-        """Configurations and edges that keep the object upright."""
-        # The object may lean, but little.
-        chain = Chain.from_robot(self._robot, self._arm, self._q)
-        limit = TiltLimit(self._up(), 0.1)
-        upright = TiltConstraint(chain, self._arm.grasps[0].rotation, limit)
-        q = self._q[self._arm.q_index]
-        upright.project(q + 0.2)
-        upright.keeps(q, q + 0.01)
-        upright.keeps_timed(q, q + 0.01, np.full(chain.dof, 0.01))
-
-    def self_filter(self) -> None:
+    def filter_cloud(self) -> None:
         """Which points of a cloud belong to a surface, and which are far from all that matters."""
-        # A box stands for any surface.
-        surface = SolidSurface.of(self._box.vertices[self._box.triangles])
+        surface = SolidSurface.of(self._body.vertices[self._body.triangles])
         surface.distances(np.zeros((1, 3)), 0.01)
         rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))
         cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
-    def samplers(self) -> None:
-        """A placement by each sampler."""
-        for sampler in SAMPLERS:
-            self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
-
-    def settings(self) -> None:
-        """Support by polygons, and an object that is kept upright and jerked little."""
-        self._place(self._problem, replace(PlannerSettings(), support="polygon"))
-        self._place(self._problem, self._carefully())
-
-    def hollow_object(self) -> None:
-        """A placement of what is not convex."""
-        self._place(replace(self._problem, body=_body_of_mesh(_tray_mesh())), PlannerSettings())
-
-    @functools.cached_property
-    def _environment(self) -> Environment:
-        return _noisy_surroundings(self._robot, self._arm, self._q, self._box, _stage_rng())
-
-    @functools.cached_property
-    def _problem(self) -> Problem:
-        around = self._environment
-        return Problem(self._robot, (self._arm,), self._q, self._box, around.volume, around)
-
-    def _holding_arm(self) -> ArmCollision:
-        return ArmCollision(self._moving, AttachedObject(self._box), self._obstacles)
-
-    @functools.cached_property
-    def _obstacles(self) -> ObstacleSet:
-        """Few, for what needs nothing of the environment: another process compiles that."""
-        return ObstacleSet.from_points(_level_points(0.03, 0.03, 0.0))
-
-    def _carefully(self) -> PlannerSettings:
-        """Settings that keep the object as upright as it is held at first, and jerk it little."""
-        carry = CarrySettings(max_tilt=0.5, max_acceleration=1.0)
-        up = tuple(self._up().tolist())
-        return replace(PlannerSettings(), carry=carry, turns=TurnSettings(up=up))
-
-    def _up(self) -> Array:
-        """What points upwards at first, in the object's frame."""
-        chain = Chain.from_robot(self._robot, self._arm, self._q)
-        tip = chain.forward(self._q[self._arm.q_index])[:3, :3]
-        up: Array = (tip @ self._arm.grasps[0].rotation)[2]
-        return up
-
-    def _place(self, problem: Problem, settings: PlannerSettings) -> None:
-        """A placement, and a second one where better ones are sought at once."""
-        # Until one is found, or two.
-        context = ObjectiveContext(problem.environment, problem.volume, problem.body)
-        objective = make_objective("maximize_clearance", context)
-        planner = PlacementPlanner(problem, objective, settings, _stage_rng())
-        wanted = 2 if settings.sampler == SAMPLERS[0] else 1
-        found = list(islice(_bounded_run(planner), wanted))
-        if not found or found[-1].retreat is None:
-            raise WarmupError("warmup", settings.sampler, f"found nothing: {planner.explain()}")
-        planner.explain()
+    def search(self) -> None:
+        """Two placements, then one by other means, with the object kept upright."""
+        plain = PlannerSettings()
+        careful = replace(
+            plain,
+            sampler="mcts",
+            support="polygon",
+            carry=CarrySettings(max_tilt=0.5, max_acceleration=1.0),
+            turns=TurnSettings(up=_UP),
+        )
+        for settings, wanted in ((plain, 2), (careful, 1)):
+            self._place(self._environment, settings, wanted)
 
     def search_in_vain(self) -> None:
-        """Where support is out of reach, and where it is too narrow."""
-        inside = self._environment.volume
-        # Surfaces where nothing can be placed.
-        for away, width, name in ((4.0, 0.06, "out of reach"), (0.0, 0.02, "too narrow")):
-            offset = np.array([away, 0.0, 0.0])
-            volume = TargetVolume(inside.lower + offset, inside.upper + offset)
-            environment = Environment.from_points(_level_points(0.06, width, 0.0) + offset, volume)
-            there = replace(self._problem, volume=volume, environment=environment)
-            context = ObjectiveContext(environment, volume, self._box)
-            objective = make_objective("maximize_clearance", context)
-            planner = PlacementPlanner(there, objective, PlannerSettings(), _stage_rng())
-            if any(_bounded_run(planner)):
-                raise WarmupError("warmup", name, "something was placed where nothing can be")
-            planner.explain()
+        """None on a surface that is out of reach."""
+        far = np.array([4.0, 0.0, 0.0])
+        volume = TargetVolume(_VOLUME[0] + far, _VOLUME[1] + far)
+        self._place(
+            Environment.from_points(_level_points(0.06) + far, volume), PlannerSettings(), 0
+        )
+
+    @cached_property
+    def _environment(self) -> Environment:
+        """A noisy level surface with a block on it, and a hole that a camera above sees through."""
+        block = _level_points(0.03) + np.array([0.15, 0.15, 0.06])
+        points = np.vstack([_level_points(0.25), block])
+        points[np.hypot(points[:, 0] + 0.15, points[:, 1] + 0.15) < 0.05, 2] -= 0.15
+        eye = np.array([0.0, 0.0, 1.5])
+        points = _stage_rng().normal(points, 0.001)
+        points = points[~flying_pixels(points, eye)]
+        volume = TargetVolume(*_VOLUME)
+        around = workspace(self._robot, (self._arm,), self._q, self._body, volume)
+        sights = [View(points, eye)]
+        return Environment.from_points(points, volume, GridSettings(), None, around, sights=sights)
+
+    def _place(self, environment: Environment, settings: PlannerSettings, wanted: int) -> None:
+        """Find as many placements as wanted; one at least is found where one is wanted."""
+        volume = environment.volume
+        problem = Problem(self._robot, (self._arm,), self._q, self._body, volume, environment)
+        context = settings.context(environment, volume, self._body)
+        objective = make_objective("maximize_clearance", context)
+        planner = PlacementPlanner(problem, objective, settings, _stage_rng())
+        run = planner.run(lambda: planner.statistics.samples >= TASK_SAMPLES)
+        found = list(islice(run, max(wanted, 1)))
+        if bool(found) != bool(wanted):
+            raise WarmupError(
+                "warmup", settings.sampler, f"found {len(found)}: {planner.explain()}"
+            )
+        planner.explain()
 
 
 STAGES = (
-    KnownTask.configurations,
-    KnownTask.edges,
-    KnownTask.swept,
-    KnownTask.carry,
-    KnownTask.samplers,
-    KnownTask.distances,
-    KnownTask.self_filter,
-    KnownTask.reach,
-    KnownTask.hands,
-    KnownTask.settings,
-    KnownTask.hollow_object,
+    KnownTask.search,
+    KnownTask.look_around,
+    KnownTask.move_arm,
+    KnownTask.filter_cloud,
     KnownTask.search_in_vain,
 )
-"""Stages of a search. Those of the robot and of the scene take as long as each other: who begins in
-the middle has most of what the others compile later."""
+"""A search begins with the surroundings: who begins with the arm has most of what others compile
+later."""
 
 
 def _stage_rng() -> np.random.Generator:
@@ -243,58 +180,22 @@ def _stage_rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-def _bounded_run(planner: PlacementPlanner) -> Iterator[Placement]:
-    return planner.run(lambda: planner.statistics.samples >= TASK_SAMPLES)
+def _level_points(half: float) -> Array:
+    """(n, 3) points of a square around the origin, 5 mm apart."""
+    x, y = np.mgrid[-half : half + 0.005 : 0.005, -half : half + 0.005 : 0.005].reshape(2, -1)
+    return np.column_stack([x, y, np.zeros(len(x))])
 
 
-def _noisy_surroundings(
-    robot: Robot, arm: Arm, q_start: Array, body: Body, rng: np.random.Generator
-) -> Environment:
-    """A noisy level surface with a block on it.
-
-    Another is made with what a sensor above does not see, and with a gap that it sees through.
-    """
-    # A surface and a block, as a camera sees them.
-    block = _level_points(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
-    points = rng.normal(np.vstack([_level_points(0.25, 0.25, 0.0), block]), 0.001)
-    volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
-    bounds = workspace(robot, (arm,), q_start, body, volume)
-    settings = GridSettings()
-    eye = np.array([0.0, 0.0, 1.5])
-    # What is seen from above, with a gap.
-    seen = points[~flying_pixels(points, eye)]
-    seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
-    sights = [View(seen, eye)]
-    Environment.from_points(seen, volume, settings, None, bounds, sights=sights).with_unknown()
-    return Environment.from_points(points, volume, settings, None, bounds)
-
-
-def _level_points(length: float, width: float, height: float) -> Array:
-    """Points (n, 3) of a rectangle of twice that length and width around the origin."""
-    # Points every 5 mm.
-    spacing = 0.005
-    x, y = (np.arange(-half, half + spacing, spacing) for half in (length, width))
-    flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    return np.column_stack([flat, np.full(len(flat), height)])
-
-
-def _translated_pose(x: float, y: float, z: float) -> pin.SE3:
-    return pin.SE3(np.eye(3), np.array([x, y, z]))
-
-
-def _body_of_mesh(mesh: trimesh.Trimesh) -> Body:
-    return Body.from_mesh(mesh.vertices, mesh.faces)
-
-
-def _tray_mesh() -> trimesh.Trimesh:
-    """A flat open box, a single closed mesh."""
-    # Rings of the outer and the inner wall.
-    outline = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
-    rings = [(0.03, 0.0), (0.03, 0.04), (0.024, 0.04), (0.024, 0.005)]
-    vertices = np.vstack([np.column_stack([outline * r, np.full(4, z)]) for r, z in rings])
-    faces = [[0, 3, 2], [0, 2, 1], [12, 13, 14], [12, 14, 15]]
-    for ring in (0, 4, 8):
-        for k in range(4):
-            a, b = ring + k, ring + (k + 1) % 4
-            faces += [[a, b, b + 4], [a, b + 4, a + 4]]
-    return trimesh.Trimesh(vertices, faces, process=False)
+def _urdf_text() -> str:
+    parts = ['<robot name="known"><link name="world"/>']
+    parent = "world"
+    for name, kind, axis, limits, shape, place in _LINKS:
+        lower, upper = limits.split()
+        parts.append(
+            f'<link name="{name}"><collision><origin xyz="{place}"/><geometry><{shape}/></geometry>'
+            f'</collision></link><joint name="to_{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{name}"/><axis xyz="{axis}"/>'
+            f'<limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/></joint>'
+        )
+        parent = name
+    return "".join([*parts, "</robot>"])

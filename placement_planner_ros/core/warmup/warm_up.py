@@ -1,7 +1,8 @@
-"""Compile (or load from cache) every kernel before the first search needs it."""
+"""Load (or compile) every kernel before the first search needs it."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.warmup.loading import load_kernels
+from placement_planner_ros.core.warmup.known_task import KnownTask
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
@@ -23,11 +24,17 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         q_robot: (nq,) any configuration of the robot.
 
     Raises:
-        WarmupError: a stage was not passed.
+        WarmupError: the known task was not solved.
         PlacementPlannerError: robot or arms are unusable.
     """
-    load_kernels()
+    _solve_once()
     for arm in arms:
         seed_table(Chain.from_robot(robot, arm, q_robot))
         somewhere = ObstacleSet.from_points(np.zeros((1, 3)))
         ArmCollision(MovingArm(robot, arm, q_robot), None, somewhere)
+
+
+@functools.cache
+def _solve_once() -> None:
+    """Solve the known task, once in a process."""
+    KnownTask().solve()

@@ -23,7 +23,7 @@ from typing import Any
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.child_process import child_environment
-from placement_planner_ros.core.disk_cache import find_result, keep_result
+from placement_planner_ros.core.disk_cache import stored_result
 from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.patience import LOOK_S
@@ -144,12 +144,14 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
         MeshProcessStoppedError: nobody wants it any more.
     """
     digest = content_digest(path.suffix.lower(), path.read_bytes())
-    arrays: tuple[Array, Triangles] | None = find_result("read meshes", digest.hex())
-    if arrays is None:
-        vertices, triangles, digest = process.read(path)  # it may have changed
-        arrays = vertices, triangles
-        keep_result("read meshes", digest.hex(), arrays)
-    return arrays
+
+    def read() -> tuple[Array, Triangles]:
+        vertices, triangles, of = process.read(path)
+        if of != digest:
+            raise ValueError("it was changed while it was read")
+        return vertices, triangles
+
+    return stored_result("read meshes", digest.hex(), read)
 
 
 def cover_in(

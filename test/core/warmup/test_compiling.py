@@ -2,9 +2,12 @@
 
 import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
 import types
-from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -33,7 +36,7 @@ def without_one(all_kept, tmp_path, monkeypatch):
     here = tmp_path / all_kept.name
     shutil.copytree(all_kept, here)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(here))
-    for path in [*here.glob(f"*/*.{A_KERNEL}-*.nbi"), here / "passed"]:
+    for path in [*here.glob(f"*/*.{A_KERNEL}-*.nbi"), here / "all_kept.json"]:
         path.unlink()
     return here
 
@@ -81,12 +84,44 @@ def test_it_can_be_stopped(without_one, monkeypatch):
     )
     with stoppable(lambda: True), pytest.raises(StoppedError):
         compile_kernels(lambda _: None)
-    assert [process.wait(30.0) != 0 for process in begun] == [True]
-    with suppress(ProcessLookupError):
-        while True:
-            os.killpg(begun[0].pid, 0)
+    assert len(begun) == len(os.sched_getaffinity(0))
+    assert 0 not in [process.wait(30.0) for process in begun]
+
+
+CALLER = """
+from placement_planner_ros.core.warmup import compiling
+
+spawn = compiling._spawn_process
+
+
+def spawned(*given):
+    process = spawn(*given)
+    print(process.pid, flush=True)
+    return process
+
+
+compiling._spawn_process = spawned
+compiling.compile_kernels(lambda _: None)
+"""
+
+
+def test_they_end_with_the_process_that_began_them(without_one):
+    caller = subprocess.Popen([sys.executable, "-c", CALLER], stdout=subprocess.PIPE, text=True)
+    pids = [int(caller.stdout.readline()) for _ in os.sched_getaffinity(0)]
+    caller.send_signal(signal.SIGKILL)
+    caller.wait()
+    caller.stdout.close()
+    for pid in pids:
+        while is_running(pid):
             time.sleep(0.05)
-    assert not (without_one / "passed").exists(), "the other process went on"
+    assert missing_in(without_one)
+
+
+def is_running(pid):
+    try:
+        return ") Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return False
 
 
 def test_a_folder_that_cannot_be_written_is_told_at_once(monkeypatch, tmp_path):
