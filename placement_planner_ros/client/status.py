@@ -89,8 +89,7 @@ class Status:
             lacking.append(values.get("warm_progress") or "loading kernels")
         for what in ("robot", "object"):
             if values.get(what) == "reading":
-                progress = values.get(f"{what}_progress", "")
-                lacking.append(f"reading the {what}{': ' if progress else ''}{progress}")
+                lacking.append(f"reading the {what}")
         if values.get("inputs", "arrive") != "arrive":
             lacking.append(f"inputs: {values['inputs']}")
         return "; ".join(lacking)

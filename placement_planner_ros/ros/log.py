@@ -13,9 +13,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from placement_planner_ros.ros.node_words import in_node_words
 
 PERIOD_S = 1.0
-"""Between two lines of one kind, at least."""
-PAUSE_S = 60.0
-"""Without a message of a kind after which the same words are news again."""
+"""Between two lines of one kind, at least, and without a message of a kind after which the same
+words are news again."""
 
 
 class Log:
@@ -45,24 +44,19 @@ class Log:
         """The same, of what went wrong."""
         self._logger.error(_on_one_line(words))
 
-    def refusal(self, kind: str, words: str) -> None:
-        """A person's request was refused: told each time, but for those in quick succession."""
-        self.repeats(kind, words, pause=0.0)
-
-    def repeats(self, kind: str, words: str, pause: float = PAUSE_S) -> None:
+    def repeats(self, kind: str, words: str) -> None:
         """Warn of what goes on by itself: other words once every `PERIOD_S`, the same ones after a
-        pause.
+        pause of that length.
 
         Args:
             kind: one of few, as something of each is kept.
-            pause: seconds without a message after which the same is news.
         """
         with self._lock:
             now = self._clock()
             # the words of this kind that were said last, when that was, and when any came last
             said, said_at, heard_at = self._kinds.get(kind, ("", -inf, -inf))
             # other words are held back for a period, the same ones until there was a pause
-            news = now - said_at >= PERIOD_S and (words != said or now - heard_at >= pause)
+            news = now - said_at >= PERIOD_S and (words != said or now - heard_at >= PERIOD_S)
             self._kinds[kind] = (words, now, now) if news else (said, said_at, now)
         # outside of the lock, as whoever writes the line may take a while
         if news:

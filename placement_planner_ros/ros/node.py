@@ -25,6 +25,7 @@ from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.commands import Commands
+from placement_planner_ros.ros.inputs.cloud_subscriptions import LATE_S
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reception import Reception
@@ -48,8 +49,6 @@ from placement_planner_ros.ros.spinning import PooledExecutor, spin_until, survi
 SWITCH_INTERVAL_S = 3e-5
 """After which a thread yields the interpreter to one that waits, as the search does after each
 kernel: by the 5 ms that Python waits otherwise it drew 23 % fewer samples a second."""
-FIRST_INPUTS_S = 0.5
-"""For which the first clouds and joint states are waited for before it is said that all is warm."""
 START_UP_PATIENCE_S = 5.0
 """That the node waits for robot and object to be read before it offers its services, and for what
 prepares for the first inputs before it says that all is warm."""
@@ -211,7 +210,7 @@ class PlacementPlannerNode(ParameterNode):
 
         They are waited for, as clouds and joint states come a moment after the node does.
         """
-        latest = time.monotonic() + FIRST_INPUTS_S
+        latest = time.monotonic() + LATE_S
         while not self._preparation.look():
             if time.monotonic() > latest or self._closed.wait(LOOK_S):
                 return

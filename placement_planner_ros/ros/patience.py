@@ -2,7 +2,8 @@
 
 LOOK_S = 0.1
 """Between looks at whether something has happened: a signal, a stop, something to say."""
-CLOSING_S = 0.5
-"""That closing waits for a thread, at most."""
 STOP_PATIENCE_S = 1.0
-"""That stop waits for the worker before it answers STOPPING."""
+"""That stop waits for the worker before it answers STOPPING, and closing for each thread."""
+PREPARING_S = 60.0
+"""That reading a mesh may take, and making a run's environment and planner; what compiling takes
+does not count."""

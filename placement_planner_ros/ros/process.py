@@ -35,16 +35,6 @@ def share_heaps() -> None:
         ctypes.CDLL(None).mallopt(m_arena_max, 2)
 
 
-def give_memory_back() -> None:
-    """Return what is free in the heaps, where the C library is glibc.
-
-    After an object of 200,000 triangles was read, the node kept 19 % more memory without (823 MB
-    beside 694).
-    """
-    with contextlib.suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
-
-
 def leave_at_once() -> NoReturn:
     """End the process under threads that are still at work.
 

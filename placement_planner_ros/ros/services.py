@@ -92,7 +92,7 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
         # refusals are always written down, successes where they change something
         for success, words in _outcomes(response):
             if not success:
-                log.refusal(f"{name} refused", words)
+                log.warn(f"{name} refused: {words}")
             elif name in (*_TRIGGERS, *_WITH_PARAMETERS) and name not in _UNTOLD:
                 log.event(f"{name}: {words}")
         return response

@@ -178,7 +178,7 @@ def test_a_robot_that_leaves_its_start_ends_the_run(bench):
 
 
 def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monkeypatch):
-    monkeypatch.setattr(worker, "PREPARATION_LIMIT_S", 0.2)
+    monkeypatch.setattr(worker, "PREPARING_S", 0.2)
     b = bench()
 
     def prepare(should_stop):
@@ -193,7 +193,7 @@ def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monk
     said = b.messages("status")[-1].message
     assert "0.2 s" in said
     assert "making the open hand of arm left" in said
-    monkeypatch.setattr(worker, "PREPARATION_LIMIT_S", 1000.0)
+    monkeypatch.setattr(worker, "PREPARING_S", 1000.0)
     b.feed()
     assert b.call("start").success
     assert b.call("stop").code == "OK"

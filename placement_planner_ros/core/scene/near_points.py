@@ -34,14 +34,6 @@ class NearPoints:
         of_grasps = {grasp: inside(points) for grasp, points in self.of_grasps.items()}
         return NearPoints(inside(self.common), of_grasps)
 
-    def same(self, other: NearPoints) -> bool:
-        """Whether both have the same points."""
-        return (
-            np.array_equal(self.common, other.common)
-            and self.of_grasps.keys() == other.of_grasps.keys()
-            and all(np.array_equal(self.of_grasps[k], other.of_grasps[k]) for k in self.of_grasps)
-        )
-
 
 def laid_over(obstacles: ObstacleSet, points: Array) -> ObstacleSet:
     """The obstacle set with each of the points (k, 3) as an obstacle on which nothing stands."""

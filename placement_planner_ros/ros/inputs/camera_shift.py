@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.point_cloud import some_of
 from placement_planner_ros.ros.inputs.self_filter import OWN_M, Outline
 
 ORDINARY_M = 0.006
 """By which ordinary calibrations are off at most, with what noise adds; more is no calibration."""
 _TRUSTED_M = (0.01, 0.006, 0.004, 0.003)
 """From a surface, once it is shifted, within which a point is taken for one of it, look by look."""
-_LOOKED_AT = 3000
-"""Points that are looked at, which is enough to average their noise."""
 _FEWEST = 300
 """Points of the robot without which nothing is known."""
 _SPREAD = 0.1
@@ -27,8 +26,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     seen, or where no ordinary calibration explains it.
     """
     # of the points by the robot some, with the normals of its surfaces there
-    near = points[robot.near(points)]
-    near = near[:: max(1, len(near) // _LOOKED_AT)]
+    near = some_of(points[robot.near(points)])
     look = robot.look(near)
     rows = look.padded & (look.apart > 0.0) & np.isfinite(look.apart)
     # distances from the surfaces, negative inside

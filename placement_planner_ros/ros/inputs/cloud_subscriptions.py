@@ -24,7 +24,7 @@ APART_S = 0.05
 interpreter from the search, which three at 10 Hz slowed by a fourth."""
 LATE_S = 1.0
 """Without a cloud, from which on a topic does not count; half of it between looks at what the
-publishers offer."""
+publishers offer. As long the first one is waited for before it is said that all is warm."""
 
 OnCloud = Callable[[str, PointCloud2], None]
 

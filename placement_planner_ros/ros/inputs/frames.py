@@ -10,7 +10,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.point_cloud import FAR_M
+from placement_planner_ros.ros.inputs.point_cloud import FAR_M, some_of
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 
@@ -22,8 +22,6 @@ class CloudFrameError(PlacementPlannerError):
 
 OPTICAL = "optical_frame"
 """How the name of a camera's frame ends whose z looks forward, x right and y down (REP 103)."""
-FORWARD_SHARE = 0.9
-"""Of a camera's points that lie before it, at least."""
 
 JointValues = Callable[[Sequence[str]], Mapping[str, float]]
 """Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
@@ -85,11 +83,11 @@ def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
     """
     if not frame.endswith(OPTICAL) or not len(points):
         return ""
-    # some thousands of points tell it, however large the cloud is
-    some = points[:: max(1, len(points) // 2000)]
+    some = some_of(points)
     # the share of points that lie before the sensor, along each axis of its frame
     ahead = ((some - T_planning_cloud.translation) @ T_planning_cloud.rotation > 0.0).mean(axis=0)
-    if ahead[2] >= FORWARD_SHARE or ahead[0] < FORWARD_SHARE:
+    # a camera sees what is before it, so more of it lies along the axis that looks forward
+    if ahead[2] >= ahead[0]:
         return ""
     return (
         f"the points in {frame} lie along its x axis, as in the frame of a body: in an optical "

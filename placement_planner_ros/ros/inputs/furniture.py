@@ -19,6 +19,7 @@ from placement_planner_ros.core.robot.overlap import Overlaps, link_surfaces
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
+from placement_planner_ros.ros.inputs.self_filter import OWN_M
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WORLD_LINKS = "world_links"
@@ -26,8 +27,6 @@ WORLD_LINKS = "world_links"
 
 SAMPLES = 20
 """Configurations at which a moving link must be beside a fixed one."""
-DEEP_M = 0.001
-"""That fixed links are in each other where one is the other's foot, and does not stand on it."""
 BESIDE_M = 0.005
 """Between a moving link and a fixed one that is no furniture if they are never farther apart: an
 arm could not begin to move beside that."""
@@ -126,7 +125,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
         # fixed links that reach into that one are the foot it stands on
         near = rows(np.isin(links, list(carrying)), link)
         if any(
-            overlaps.depth(i, j, placements[i], placements[j], beyond=DEEP_M) > 0.0 for i, j in near
+            overlaps.depth(i, j, placements[i], placements[j], beyond=OWN_M) > 0.0 for i, j in near
         ):
             foot.add(link)
     # what moves must touch it at every sample; most do not at the first

@@ -8,10 +8,6 @@ WINDOW_S = 0.3
 """Over which a speed is measured."""
 SHORTEST_S = 0.05
 """For which a shorter window counts, as encoders are noisy."""
-SPACING_S = 0.005
-"""Between values that are kept, at least; of those closer together the newest is."""
-GAP_S = 1.2
-"""Between values farther apart than that nobody knows when the joint moved."""
 REST_SPREAD = 0.005
 """rad or m by which a joint that is at rest changes at most."""
 
@@ -47,13 +43,10 @@ class JointPast:
         if self._high - self._low > REST_SPREAD:
             self._low = self._high = position
             self._resting_since = sample.time
-        # of values in quick succession the newest replaces the one before
-        if len(samples) > 1 and sample.time - samples[-2].time < SPACING_S:
+        # with a clock that stands still the newest replaces the one before
+        if len(samples) > 1 and sample.time <= samples[-1].time:
             samples.pop()
         samples.append(sample)
-        # what happened in a long gap is unknown, so no speed is made of it
-        if sample.time - samples[-2].time > GAP_S:
-            del samples[:-1]
         # one value before the window is kept, to tell where the joint was as it began
         while len(samples) > 2 and samples[1].time <= sample.time - WINDOW_S:
             del samples[0]

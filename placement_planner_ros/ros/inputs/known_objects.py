@@ -193,9 +193,9 @@ class KnownObjects:
         except (OSError, ValueError) as error:
             raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
 
-        def read(should_stop: Callable[[], bool]) -> Array:
+        def read() -> Array:
             try:
-                with MeshProcess(should_stop) as process:
+                with MeshProcess() as process:
                     vertices, triangles = read_kept(process, path)
             except (OSError, ValueError) as error:
                 raise KnownObjectError(field, uri, f"cannot be read: {error}") from error

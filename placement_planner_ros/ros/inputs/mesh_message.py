@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from rclpy.serialization import deserialize_message
-from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ObjectError
@@ -26,11 +24,13 @@ def mesh_from_message(data: bytes) -> tuple[Array, Triangles]:
 
     Raises:
         ObjectError: there are none, too many, or indices of vertices that are not there, or the
-            bytes end early.
+            bytes end early or are of another encoding.
     """
     order = _ORDERS.get(data[:2])
+    if order is None:
+        raise ObjectError("~/object", f"encoding {data[:2].hex()}", "is not read; use plain CDR")
     try:
-        vertices, triangles = _written(data) if order is None else _plain(data[4:], order)
+        vertices, triangles = _plain(data[4:], order)
     except ValueError as error:  # numpy's, of what lies beyond the end
         remedy = "end before the mesh does; publish a shape_msgs/Mesh"
         raise ObjectError("~/object", f"{len(data)} bytes", remedy) from error
@@ -59,12 +59,3 @@ def _plain(data: bytes, order: str) -> tuple[Array, Triangles]:
         points.astype(np.float64).reshape(-1, 3),
         corners.astype(np.int64).reshape(-1, 3),
     )
-
-
-def _written(data: bytes) -> tuple[Array, Triangles]:
-    """Of bytes that are written in another way, by rclpy."""
-    message = deserialize_message(data, Mesh)
-    require_few(len(message.vertices), len(message.triangles))
-    points = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
-    corners = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
-    return points.reshape(-1, 3), corners.reshape(-1, 3)

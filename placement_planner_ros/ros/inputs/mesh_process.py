@@ -16,7 +16,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +24,14 @@ from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.child_process import child_environment
 from placement_planner_ros.core.disk_cache import stored_result
 from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
+from placement_planner_ros.core.stopping import StoppedError, step
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.patience import LOOK_S
-
-Read = tuple[Array, Triangles, bytes]
-"""Vertices (n, 3), triangles (t, 3), and the `content_digest` of what the file held then."""
+from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
 
 MAX_MEMORY_BYTES = 2_000_000_000
 """That reading or covering a mesh may take."""
-MAX_TIME_S = 60.0
-"""That reading a mesh may take; of processor time, what covering one may."""
-
-
-class MeshProcessStoppedError(Exception):
-    """Nobody wants the mesh any more."""
+COVER_TIME_S = 16.0
+"""Of processor time, that covering a mesh may take."""
 
 
 class ProcessorTimeError(TimeoutError):
@@ -46,14 +39,9 @@ class ProcessorTimeError(TimeoutError):
 
 
 class MeshProcess:
-    """Reads meshes one after the other, until closed; not for several threads at once.
+    """Reads meshes one after the other, `stoppable`, until closed; not for several threads."""
 
-    Args:
-        should_stop: looked at while a mesh is read.
-    """
-
-    def __init__(self, should_stop: Callable[[], bool] = lambda: False) -> None:
-        self._should_stop = should_stop
+    def __init__(self) -> None:
         self._child: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> MeshProcess:
@@ -69,32 +57,26 @@ class MeshProcess:
             child.kill()
             child.communicate()
 
-    def read(self, path: Path) -> Read:
+    def read(self, path: Path) -> tuple[Array, Triangles]:
         """The mesh of a file, as `read_mesh` has it.
 
         Raises:
             ValueError: it cannot be read; the message says why.
-            TimeoutError: that took longer than `MAX_TIME_S`.
-            MeshProcessStoppedError: `should_stop` said so.
+            TimeoutError: that took longer than `PREPARING_S`.
         """
-        made: Read = self._ask(("read", path), MAX_TIME_S, MAX_TIME_S)
+        made: tuple[Array, Triangles] = self._ask(("read", path), PREPARING_S, PREPARING_S)
         return made
 
-    def cover(
-        self, vertices: Array, triangles: Triangles, tolerance: float, seconds: float = MAX_TIME_S
-    ) -> Cover:
+    def cover(self, vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
         """The convex cover of a mesh, as `core.body.convex_cover` makes it.
-
-        Args:
-            seconds: of processor time that it may take.
 
         Raises:
             ValueError: it cannot be made; the message says why.
-            ProcessorTimeError: making it took longer than that.
+            ProcessorTimeError: making it took longer than `COVER_TIME_S`.
             TimeoutError: it took four times as long, on a machine that is busy.
-            MeshProcessStoppedError: `should_stop` said so.
         """
-        made: Cover = self._ask(("cover", vertices, triangles, tolerance), seconds, 4.0 * seconds)
+        request = "cover", vertices, triangles, tolerance
+        made: Cover = self._ask(request, COVER_TIME_S, 4.0 * COVER_TIME_S)
         return made
 
     def _ask(self, request: tuple[object, ...], seconds: float, patience: float) -> Any:
@@ -110,8 +92,7 @@ class MeshProcess:
             child.stdin.flush()
             # looked at in between, as a large mesh may take a minute
             while not select.select([child.stdout], [], [], LOOK_S)[0]:
-                if self._should_stop():
-                    raise MeshProcessStoppedError
+                step("reading and covering meshes")
                 if time.monotonic() > end:
                     raise TimeoutError(f"it took longer than {patience:g} s")
             answer = pickle.load(child.stdout)
@@ -123,7 +104,7 @@ class MeshProcess:
                 words = f"it took more than {seconds:g} s of processor time"
                 raise ProcessorTimeError(words) from error
             raise ValueError("it ended the process that did it") from error
-        except (TimeoutError, MeshProcessStoppedError):
+        except (TimeoutError, StoppedError):
             self.close()
             raise
         # words in place of a result say why there is none
@@ -141,44 +122,32 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
     Raises:
         OSError: it cannot be opened.
         ValueError: it cannot be read; the message says why.
-        MeshProcessStoppedError: nobody wants it any more.
     """
     digest = content_digest(path.suffix.lower(), path.read_bytes())
 
     def read() -> tuple[Array, Triangles]:
-        vertices, triangles, of = process.read(path)
-        if of != digest:
+        made = process.read(path)
+        # else the digest would stand for another content
+        if content_digest(path.suffix.lower(), path.read_bytes()) != digest:
             raise ValueError("it was changed while it was read")
-        return vertices, triangles
+        return made
 
     return stored_result("read meshes", digest.hex(), read)
 
 
 def cover_in(
-    process: MeshProcess,
-    vertices: Array,
-    triangles: Triangles,
-    tolerance: float,
-    began: Callable[[], None] = lambda: None,
-    seconds: float = MAX_TIME_S,
+    process: MeshProcess, vertices: Array, triangles: Triangles, tolerance: float
 ) -> Cover:
     """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
-    long, or too much memory.
+    long, which is kept, so as not to try again each time, or too much memory.
 
     Args:
         vertices, triangles, tolerance: as of `convex_cover`.
-        began: called where it is not on disk.
-        seconds: of processor time that making it may take. The hull is kept, too, where that is
-            not enough, so as not to try again each time.
-
-    Raises:
-        MeshProcessStoppedError: nobody wants it any more.
     """
 
     def make() -> Cover:
-        began()
         try:
-            return process.cover(vertices, triangles, tolerance, seconds)
+            return process.cover(vertices, triangles, tolerance)
         except ProcessorTimeError:
             return hull_cover(vertices, triangles)
 
@@ -199,22 +168,10 @@ def _spawn() -> subprocess.Popen[bytes]:
     )
 
 
-def _made(what: str, *given: Any) -> object:
-    if what == "cover":
-        return convex_cover(*given)
-    (path,) = given
-    suffix, before = path.suffix.lower(), path.read_bytes()
-    made = read_mesh(path)
-    # else the digest would stand for another content
-    if path.read_bytes() != before:
-        raise ValueError("it changed while it was read")
-    return *made, content_digest(suffix, before)
-
-
 def _answer(what: str, *given: Any) -> object:
     """What was asked for, or in words why not."""
     try:
-        return _made(what, *given)
+        return convex_cover(*given) if what == "cover" else read_mesh(*given)
     except MemoryError:
         return f"it takes more than {MAX_MEMORY_BYTES} bytes of memory"
     except Exception as error:  # whatever loaders raise at what they are given

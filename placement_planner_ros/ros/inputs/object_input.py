@@ -19,19 +19,11 @@ from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.mesh_process import (
-    MeshProcess,
-    MeshProcessStoppedError,
-    cover_in,
-    read_kept,
-)
-from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in, read_kept
+from placement_planner_ros.ros.inputs.reading import Read, Reading, State
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
-
-COVER_TIME_S = 16.0
-"""Of processor time, that the cover of an object may take."""
 
 Triangles = npt.NDArray[np.int64]
 Source = Literal["none", "topic", "mesh", "vertices"]
@@ -226,19 +218,12 @@ class ObjectInput:
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
 
-        def make(should_stop: ShouldStop) -> Body:
+        def make() -> Body:
             try:
-                with MeshProcess(should_stop) as process:
+                with MeshProcess() as process:
                     # arrays of the file or message, then the cover, each in the other process
                     vertices, triangles = given.arrays(process)
-                    if should_stop():
-                        raise MeshProcessStoppedError
-                    words = (
-                        f"cover of the object ({len(triangles):,} triangles), once for each mesh"
-                    )
-                    began = partial(self.reading.tell, words)
-                    cover = partial(cover_in, process, began=began, seconds=COVER_TIME_S)
-                    middle = np.array(center) if center else None
+                    middle, cover = np.array(center) if center else None, partial(cover_in, process)
                     body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
             except (ValueError, OSError) as error:
                 uri = str(parameters["object.mesh"])

@@ -18,6 +18,14 @@ MAX_POINTS = 5_000_000
 FAR_M = 1e6
 """From the sensor, beyond which a coordinate is none."""
 
+SOME_POINTS = 3000
+"""Of a surface, that tell as much of it as all of them do."""
+
+
+def some_of(points: Array) -> Array:
+    """At most `SOME_POINTS` of the points (n, 3), from all over them."""
+    return points[:: -(-len(points) // SOME_POINTS) or 1]
+
 
 def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:
     """The cloud's finite points, (n, 3) metres in that frame, or in its own without one.

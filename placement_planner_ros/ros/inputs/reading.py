@@ -7,20 +7,17 @@ from collections.abc import Callable, Hashable
 from typing import Generic, Literal, TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.ros.log import Log
-from placement_planner_ros.ros.patience import CLOSING_S
-from placement_planner_ros.ros.process import give_memory_back
+from placement_planner_ros.ros.patience import STOP_PATIENCE_S
 from placement_planner_ros.ros.spinning import survive
 
 Made = TypeVar("Made")
 State = Literal["none", "reading", "ready", "bad"]
 """What `~/status` says of an input."""
 
-ShouldStop = Callable[[], bool]
-Read = Callable[[ShouldStop], Made]
-"""Reads one content. Raises a PlacementPlannerError where that cannot be, and a StoppedError soon
-after it is told to stop."""
+Read = Callable[[], Made]
+"""Reads one content, `stoppable`. Raises a PlacementPlannerError where that cannot be."""
 
 KEPT = 4
 """Contents that are known at a time besides lasting ones: those of single calls."""
@@ -52,9 +49,6 @@ class Reading(Generic[Made]):
         refusal: the error that says that it cannot be read.
         words: what is said of a content that was read.
         log: hears of what is read, or cannot be; None for nobody.
-
-    Attributes:
-        progress: what takes long while a content is read; empty where nothing does.
     """
 
     def __init__(
@@ -71,13 +65,6 @@ class Reading(Generic[Made]):
         self._lock = threading.Lock()
         self._jobs: dict[Hashable, _Job[Made]] = {}
         self._thread: threading.Thread | None = None
-        self.progress = ""
-
-    def tell(self, progress: str) -> None:
-        """A piece of work that takes long begins; '' where it has ended."""
-        self.progress = progress
-        if progress and self._log is not None:
-            self._log.event(progress)
 
     def want(self, key: Hashable, read: Read[Made], *, lasting: bool = False) -> None:
         """Have that content read, unless it is, or is being, or could not be.
@@ -115,7 +102,7 @@ class Reading(Generic[Made]):
             self.forget(key)
         thread = self._thread
         if thread is not None:
-            thread.join(CLOSING_S)
+            thread.join(STOP_PATIENCE_S)
 
     def state(self, key: Hashable) -> State:
         """How far reading that content is."""
@@ -168,11 +155,11 @@ class Reading(Generic[Made]):
             # the newest first: who gave it waits for it
             key, job = left[-1]
             met: list[BaseException] = []
-            job.made = survive(lambda: job.read(job.stop.is_set), met.append)  # noqa: B023
+            with stoppable(job.stop.is_set):
+                job.made = survive(job.read, met.append)
             if met:
                 job.error = self._refused(met[0])
                 forget_where(job.error)
-            self.progress = ""
             # last, as whoever waits looks at the result at once
             job.ended.set()
             # nothing is said of what nobody wants any more
@@ -181,13 +168,12 @@ class Reading(Generic[Made]):
                     self._log.repeats(f"{self._field} refused", str(job.error))
                 elif job.made is not None and (words := self._words(job.made)):
                     self._log.event(words)
-            give_memory_back()
 
     def _refused(self, error: BaseException) -> PlacementPlannerError:
         """What is told of something that could not be read; it comes from anywhere."""
         if isinstance(error, PlacementPlannerError):
             return error
-        if isinstance(error, MeshProcessStoppedError):
+        if isinstance(error, StoppedError):
             return NotReadyError(self._field, "not read", "it was replaced")
         if self._log is not None:
             self._log.fault(f"{self._field} cannot be read for a fault", error)

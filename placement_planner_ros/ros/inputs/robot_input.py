@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from functools import partial
+from collections.abc import Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.joint_limits_file import given_joint_limits
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in, read_kept
-from placement_planner_ros.ros.inputs.reading import Reading, ShouldStop, State
+from placement_planner_ros.ros.inputs.reading import Reading, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.checks import poses_from_list
@@ -145,10 +144,9 @@ class RobotInput:
         # what comes by topic may name files of open folders only
         trusted = not self._arrived
 
-        def read(should_stop: ShouldStop) -> Robot:
-            with MeshProcess(should_stop) as process:
-                meshes = _MeshCovers(self._files, process, trusted, beside, self.reading.tell)
-                made = self._read(urdf, srdf, meshes)
+        def read() -> Robot:
+            with MeshProcess() as process:
+                made = self._read(urdf, srdf, _MeshCovers(self._files, process, trusted, beside))
             # by these joint states are kept until another robot is read
             self.continuous_joints = made.continuous
             self.joint_names = frozenset(made.joint_names)
@@ -175,7 +173,6 @@ class _MeshCovers:
     Args:
         trusted: whether the operator gave the description.
         beside: the file that it is in.
-        tell: told of what takes long.
     """
 
     def __init__(
@@ -184,13 +181,11 @@ class _MeshCovers:
         process: MeshProcess,
         trusted: bool,
         beside: Path | None,
-        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._files = files
         self._process = process
         self._trusted = trusted
         self.beside = beside
-        self._tell = tell
 
     def find(self, uri: str) -> Path:
         """The file that a mesh's URI names."""
@@ -206,12 +201,10 @@ class _MeshCovers:
 
     def covers(self, meshes: Sequence[LinkMesh]) -> list[Cover]:
         """The cover of each mesh; its hull where that takes too long, or too much memory."""
-        made = []
-        for number, mesh in enumerate(meshes, 1):
-            words = f"cover {number} of {len(meshes)} (link {mesh.link})"
-            given = mesh.vertices, mesh.triangles, mesh.tolerance
-            made.append(cover_in(self._process, *given, partial(self._tell, words)))
-        return made
+        return [
+            cover_in(self._process, mesh.vertices, mesh.triangles, mesh.tolerance)
+            for mesh in meshes
+        ]
 
 
 def _read_words(robot: Robot) -> str:

@@ -15,6 +15,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.contacts.friction_cones import CONE_SIDES
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array, Resting, TargetVolume
+from placement_planner_ros.ros.inputs.point_cloud import some_of
 from placement_planner_ros.ros.outputs.conversions import pose_message
 
 _VOLUME = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.12)
@@ -27,8 +28,6 @@ _FORCE = ColorRGBA(r=0.1, g=0.2, b=0.8, a=1.0)
 _WALL = ColorRGBA(r=0.5, g=0.3, b=0.7, a=0.35)
 FORCE_LENGTH_M = 0.05
 """m, of the lines from where a leaning object touches, along what holds it, and of their cones."""
-MOST_POINTS = 1500
-"""Of an object that stands, as all of them go along with every placement."""
 
 
 def no_markers() -> MarkerArray:
@@ -49,7 +48,7 @@ def scene_markers(
         keep_out: (k, 2, 3) corners of boxes.
         standing: per object that was confirmed as placed, (n, 3) points on it.
     """
-    few = [points[:: -(-len(points) // MOST_POINTS)] for points in standing]
+    few = map(some_of, standing)
     return [
         *_box_markers(header, "target_volume", volume.boxes, _VOLUME),
         *_box_markers(header, "keep_out", keep_out, _KEEP_OUT),

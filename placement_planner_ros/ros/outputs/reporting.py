@@ -185,8 +185,6 @@ class Reporter:
         robot, held = self._inputs.robot, self._inputs.object
         told = {
             "object_assumed": held.assumed,
-            "object_progress": held.reading.progress,
-            "robot_progress": robot.reading.progress,
             "warm_progress": self._warm.progress,
         }
         return {

@@ -22,13 +22,10 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.patience import CLOSING_S, LOOK_S
+from placement_planner_ros.ros.patience import LOOK_S, STOP_PATIENCE_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
 from placement_planner_ros.ros.spinning import survive
-
-CORE_SHARE = 0.25
-"""Of one core that preparing ahead takes at most, on average."""
 
 Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
 """What tells one state of the inputs from another, and their snapshot; None where some miss."""
@@ -122,7 +119,7 @@ class Preparation:
         """Begin nothing more, and wait a little for what is being made."""
         self._closed.set()
         if self._ahead.is_alive():
-            self._ahead.join(CLOSING_S)
+            self._ahead.join(STOP_PATIENCE_S)
 
     def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
         """The planner of a run.
@@ -152,7 +149,9 @@ class Preparation:
         """The environment of that run where it is there already, without a look at its points."""
         # without the lock, as it is replaced as a whole
         made = self._made
-        return None if made is None or not made.surroundings.made_of(snapshot) else made.environment
+        if made is None or not have_same_inputs(made.surroundings.snapshot, snapshot):
+            return None
+        return made.environment
 
     def look(self) -> bool:
         """Prepare for the inputs of now, in this thread, where they are others than last time.
@@ -196,13 +195,13 @@ class Preparation:
     def _make(self, snapshot: Snapshot) -> _Made:
         """The environment, and what depends on robot and object alone, where they are others than
         last time; the lock is held."""
-        before = self._made
-        # points first: where they are the same, so is what was made of them
-        surroundings = Surroundings.of(snapshot, None if before is None else before.surroundings)
-        if before is None or not before.surroundings.same(surroundings):
+        made = self._made
+        before = None if made is None else made.surroundings
+        surroundings = Surroundings.of(snapshot, before)
+        if made is None or surroundings is not before:
             # another object, or another posture, changes the environment but not the scene
-            same_scene = before is not None and before.surroundings.same_scene(surroundings)
-            scene = before.scene if before and same_scene else surroundings.scene()
+            same_scene = made is not None and made.surroundings.same_scene(surroundings)
+            scene = made.scene if made is not None and same_scene else surroundings.scene()
             _ = scene.clearance
             _ = scene.has_unseen_ceiling  # so that start finds it ready
             if "lean" in snapshot.parameters.planner_settings.contacts:
@@ -211,9 +210,7 @@ class Preparation:
             step("making boxes of the obstacle set")
             # what the search would do first
             box_arrays(environment.obstacles)
-            before = _Made(surroundings, scene, environment)
-        # the newest inputs, with what was made of them or of equal ones before
-        self._made = made = _Made(surroundings, before.scene, before.environment)
+            self._made = made = _Made(surroundings, scene, environment)
         # the same for every search with this robot and object
         robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:
@@ -228,5 +225,5 @@ class Preparation:
             began = time.thread_time()
             if self._idle():
                 self.look()
-            # so that it takes its share of a core and no more
-            rest = max(LOOK_S, (time.thread_time() - began) * (1.0 / CORE_SHARE - 1.0))
+            # three times as long as it worked, so that it takes a fourth of a core and no more
+            rest = max(LOOK_S, 3.0 * (time.thread_time() - began))

@@ -30,17 +30,19 @@ from placement_planner_ros.ros.run.snapshot import Snapshot
 Mask = npt.NDArray[np.bool_]
 
 _MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
-"""Parameters on which a scene depends; """
-_MAKE_HANDS = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
-"""on which what the robot hides does; """
+"""Parameters on which a scene depends, """
 _MAKE_ENVIRONMENT = (
     *_MAKE_SCENE,
-    *_MAKE_HANDS,
-    "contact_tolerance",
+    "self_filter.padding",
+    "self_filter.padding_of",
     "self_filter.enabled",
+    "collision_margin",
+    "contact_tolerance",
     "unknown_space",
 )
 """and on which an environment does."""
+JITTER = 2e-4
+"""rad or m by which values of a joint that stands still differ, as encoders are noisy."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""
 
@@ -75,7 +77,7 @@ class Surroundings:
         Args:
             before: what was made of an earlier snapshot; returned where nothing has changed.
         """
-        if before is not None and before.made_of(snapshot):
+        if before is not None and have_same_inputs(before.snapshot, snapshot):
             return before
         size = snapshot.parameters.grid_settings.cell_size
         known = {} if before is None else before.clouds
@@ -112,29 +114,10 @@ class Surroundings:
         """How many points of the clouds are left out as flying pixels."""
         return sum(flying for _, flying in self.clouds.values())
 
-    def made_of(self, snapshot: Snapshot) -> bool:
-        """Whether these are that snapshot's, as far as can be told at a glance."""
-        return have_same_inputs(self.snapshot, snapshot)
-
-    def same(self, other: Surroundings) -> bool:
-        """Whether both make the same environment."""
-        unknown = [each.snapshot.parameters["unknown_space"] for each in (self, other)]
-        # without the place of any sensor nothing is known to be unseen, whatever is asked
-        if not self.sights:
-            unknown = ["free", "free"]
-        told = [[str(one) for one in each.disagreements] for each in (self, other)]
-        return self is other or (
-            self.same_scene(other)
-            and unknown[0] == unknown[1]
-            and told[0] == told[1]
-            and self.near.same(other.near)
-            and (unknown[0] == "free" or _hands(self.snapshot) == _hands(other.snapshot))
-        )
-
     def same_scene(self, other: Surroundings) -> bool:
         """Whether both environments are the same but for what robot and object make of them."""
         mine, its = self.snapshot.parameters, other.snapshot.parameters
-        return self is other or (
+        return (
             all(mine[name] == its[name] for name in _MAKE_SCENE)
             and len(self._arrays) == len(other._arrays)
             and all(map(np.array_equal, self._arrays, other._arrays))
@@ -267,26 +250,20 @@ def _passes_through(points: Array, origin: Array, lower: Array, upper: Array) ->
 
 def have_same_inputs(a: Snapshot, b: Snapshot) -> bool:
     """Whether both make the same environment, as far as can be told at a glance."""
-    told = [[(part.topic, part.time) for part in snapshot.parts] for snapshot in (a, b)]
+    mine, its = (
+        [
+            [(part.topic, part.time) for part in each.parts],
+            [(arm.joints, arm.tip_frame, arm.grasps) for arm in each.arms],
+        ]
+        for each in (a, b)
+    )
     return (
-        told[0] == told[1]
+        mine == its
         and all(x.same(y) for x, y in zip(a.parts, b.parts, strict=True))
         and all(a.parameters[name] == b.parameters[name] for name in _MAKE_ENVIRONMENT)
         and a.robot is b.robot
         and a.body is b.body
-        and _hands(a) == _hands(b)
-    )
-
-
-def _hands(snapshot: Snapshot) -> tuple[object, ...]:
-    """Where the robot and what it holds are, for what they hide."""
-    parameters = snapshot.parameters
-    return (
-        id(snapshot.robot),
-        id(snapshot.body),
-        snapshot.q_start.tobytes(),
-        [(arm.joints, arm.tip_frame, arm.grasps) for arm in snapshot.arms],
-        [parameters[name] for name in _MAKE_HANDS],
+        and bool((np.abs(a.q_start - b.q_start) <= JITTER).all())
     )
 
 

@@ -16,7 +16,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.ros.patience import LOOK_S
+from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
 from placement_planner_ros.ros.run.preparation import Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.spinning import survive
@@ -37,8 +37,6 @@ class State(enum.StrEnum):
 
 
 ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
-PREPARATION_LIMIT_S = 60.0
-"""That making environment and planner may take; what compiling takes does not count."""
 
 _UNPREPARED = (
     "the run was ended while robot, object and clouds were still being prepared; give it more time"
@@ -274,7 +272,7 @@ class Run:
                 raise StoppedError("waiting for compilation")
             self._warm.wait(LOOK_S)
         compiles = bool(self._warm.failure)  # as it goes, which takes as long as it takes
-        latest = float("inf") if compiles else time.monotonic() + PREPARATION_LIMIT_S
+        latest = float("inf") if compiles else time.monotonic() + PREPARING_S
         return self._prepare(
             self.snapshot, lambda: self._ending is not None or time.monotonic() >= latest
         )
@@ -328,7 +326,7 @@ def _failure(error: BaseException) -> tuple[str, str, bool]:
         return error.code, str(error), not raised
     if isinstance(error, StoppedError):
         words = (
-            f"preparing took longer than {PREPARATION_LIMIT_S:g} s, the last of it {error}; look "
+            f"preparing took longer than {PREPARING_S:g} s, the last of it {error}; look "
             "at what that names: simpler meshes, fewer grasps or a larger cloud.cell_size prepare "
             "faster"
         )

@@ -8,8 +8,9 @@ import struct
 import pytest
 import trimesh
 
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 
@@ -79,17 +80,17 @@ def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
         assert len(process.read(box)[1]) == 12
         process._child.send_signal(signal.SIGSTOP)  # as a loader that never ends
 
-    with MeshProcess(lambda: asked[0]) as process:
+    with stoppable(lambda: asked[0]), MeshProcess() as process:
         hang()
         asked[0] = True
-        with pytest.raises(MeshProcessStoppedError):
+        with pytest.raises(StoppedError):
             process.read(box)
         asked[0] = False
         hang()
-        monkeypatch.setattr(mesh_process, "MAX_TIME_S", 0.5)
+        monkeypatch.setattr(mesh_process, "PREPARING_S", 0.5)
         with pytest.raises(TimeoutError, match=r"0\.5 s"):
             process.read(box)
-        monkeypatch.setattr(mesh_process, "MAX_TIME_S", 60.0)
+        monkeypatch.setattr(mesh_process, "PREPARING_S", 60.0)
         assert len(process.read(box)[1]) == 12
         process._child.kill()  # as whatever reads it may do to itself
         process._child.wait()
