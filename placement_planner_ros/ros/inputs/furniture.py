@@ -12,6 +12,7 @@ import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.convex_part import polytope_of
+from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
@@ -27,9 +28,6 @@ WORLD_LINKS = "world_links"
 
 SAMPLES = 20
 """Configurations at which a moving link must be beside a fixed one."""
-BESIDE_M = 0.005
-"""Between a moving link and a fixed one that is no furniture if they are never farther apart: an
-arm could not begin to move beside that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +126,8 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
             overlaps.depth(i, j, placements[i], placements[j], beyond=OWN_M) > 0.0 for i, j in near
         ):
             foot.add(link)
-    # what moves must touch it at every sample; most do not at the first
+    # what moves must touch it at every sample, or be so near that no arm could leave; most are not
+    beside = CollisionSettings().clear
     moving = [shape.parentJoint != 0 for shape in robot.geometry.geometryObjects]
     touched = {link: set(links[moving].tolist()) for link in others if link not in foot}
     for _ in range(SAMPLES):
@@ -140,7 +139,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
             touched[link] = {
                 str(links[i])
                 for i, j in near
-                if overlaps.meet(i, j, placements[i], placements[j], BESIDE_M)
+                if overlaps.meet(i, j, placements[i], placements[j], beside)
             }
     return frozenset(foot.union(link for link, by in touched.items() if by))
 

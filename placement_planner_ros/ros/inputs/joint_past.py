@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 WINDOW_S = 0.3
 """Over which a speed is measured."""
-SHORTEST_S = 0.05
-"""For which a shorter window counts, as encoders are noisy."""
+JITTER = 4e-4
+"""rad or m by which values of a joint that stands still differ, as encoders are noisy."""
 REST_SPREAD = 0.005
 """rad or m by which a joint that is at rest changes at most."""
 
@@ -61,7 +61,7 @@ class JointPast:
             time = later[0].time - first.time
             share = (begin - first.time) / time if time > 0.0 else 0.0
             positions.append(first.position + share * (later[0].position - first.position))
-        farthest = rest_speed * max(self.newest.time - begin, SHORTEST_S) * (1.0 + 1e-6)
+        farthest = max(rest_speed * (self.newest.time - begin), JITTER)
         return max(positions, default=0.0) - min(positions, default=0.0) > farthest
 
     def rested_since(self, stamp: float) -> bool:

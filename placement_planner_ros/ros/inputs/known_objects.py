@@ -12,7 +12,7 @@ import trimesh
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.body.mesh import require_few
-from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.wishes.checks import check_pose_value
@@ -31,12 +31,6 @@ Name = tuple[str, int]
 """Namespace and id."""
 PoseOf = Callable[[str], pin.SE3]
 """T_planning_frame now. Raises a PlacementPlannerError where nobody knows it."""
-
-
-class KnownObjectError(PlacementPlannerError):
-    """A thing of `~/known_objects` is unusable."""
-
-    code = "BAD_PARAMETER"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +79,7 @@ class KnownObjects:
         self._files = files
         self._lock = threading.Lock()
         self._things: dict[Name, _Thing] = {}
-        self.reading: Reading[Array] = Reading(TOPIC, KnownObjectError)
+        self.reading: Reading[Array] = Reading(TOPIC, ParameterError)
         self.changes = 0
         self.placed: dict[int, PlacedBody] = {}
 
@@ -137,7 +131,7 @@ class KnownObjects:
         """All in the planning frame; the same objects as long as they are the same.
 
         Raises:
-            KnownObjectError: one is unusable.
+            ParameterError: one is unusable.
             NotReadyError: one is being read.
             PlacementPlannerError: nobody knows where one's frame is.
         """
@@ -173,7 +167,7 @@ class KnownObjects:
             check_pose_value(f"{field}: pose", pose)
             thing = replace(thing, T_frame_thing=poses_from_list(field, pose)[0])
             if not ((scale > 0.0) & (scale <= FAR_M)).all():
-                raise KnownObjectError(f"{field}: scale", scale.tolist(), "give metres above zero")
+                raise ParameterError(f"{field}: scale", scale.tolist(), "give metres above zero")
             if marker.type == Marker.MESH_RESOURCE:
                 file = self._file(marker.mesh_resource, f"{field}: mesh_resource")
                 return replace(thing, file=file)
@@ -191,14 +185,14 @@ class KnownObjects:
             check_header(path)
             found = path.stat()
         except (OSError, ValueError) as error:
-            raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
+            raise ParameterError(field, uri, f"cannot be read: {error}") from error
 
         def read() -> Array:
             try:
                 with MeshProcess() as process:
                     vertices, triangles = read_kept(process, path)
             except (OSError, ValueError) as error:
-                raise KnownObjectError(field, uri, f"cannot be read: {error}") from error
+                raise ParameterError(field, uri, f"cannot be read: {error}") from error
             return vertices[triangles]
 
         # a file that was written anew is another one
@@ -226,12 +220,12 @@ def _triangles(marker: Marker, scale: Array, field: str) -> Array:
         require_few(len(marker.points), len(marker.points) // 3)
         points = np.array([[p.x, p.y, p.z] for p in marker.points]) * scale
         if not len(points) or len(points) % 3 or not (np.abs(points) <= FAR_M).all():
-            raise KnownObjectError(
+            raise ParameterError(
                 f"{field}: points", f"{len(points)} points", "give three for each triangle, m"
             )
         return points.reshape(-1, 3, 3)
     words = "give CUBE, SPHERE, CYLINDER, TRIANGLE_LIST or MESH_RESOURCE"
-    raise KnownObjectError(f"{field}: type", marker.type, words)
+    raise ParameterError(f"{field}: type", marker.type, words)
 
 
 def _sections(radius: float) -> int:

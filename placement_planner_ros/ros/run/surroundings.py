@@ -19,6 +19,7 @@ from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
+from placement_planner_ros.ros.inputs.joint_past import JITTER
 from placement_planner_ros.ros.inputs.self_filter import (
     Outline,
     held_outlines,
@@ -41,8 +42,6 @@ _MAKE_ENVIRONMENT = (
     "unknown_space",
 )
 """and on which an environment does."""
-JITTER = 2e-4
-"""rad or m by which values of a joint that stands still differ, as encoders are noisy."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""
 
