@@ -268,10 +268,11 @@ BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     ("changed", "why"),
     [
         ({"time_limit": 1e-9}, "no sample was tried"),
+        ({"environment": np.zeros((0, 3))}, "no placement region: the cloud is empty"),
         ({"volume": TargetVolume(VOLUME.lower + UP, VOLUME.upper + UP)}, "no placement region"),
         ({"body": Body.from_mesh(BALL.vertices, BALL.faces)}, "no placement face"),
     ],
-    ids=["no time", "no region", "no face"],
+    ids=["no time", "no points", "no region", "no face"],
 )
 def test_why_nothing_was_found_is_logged(caplog, changed, why):
     assert list(asked(**changed)) == []

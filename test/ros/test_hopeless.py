@@ -225,7 +225,7 @@ SITUATIONS = {
         "NO_CLOUD",
         "cloud_topics",
         lambda inputs, _: replace(inputs, points=TABLE),
-        "no finite point",
+        "every cloud is empty",
     ),
     "a frame that nobody knows": Situation(
         Inputs(points=TABLE, frame="camera"),

@@ -27,14 +27,13 @@ def why_no_region(environment: Environment) -> Explanation:
     V too narrow; else what a region needs."""
     volume, measured = environment.volume, environment.measured
     if environment.points == 0:
-        own = len(environment.near.common)
-        return Explanation(
-            f"{_HEAD}: the cloud is empty{', but for points beside the robot' if own else ''}",
-            (
-                Remedy("environment", "give points of the surroundings"),
-                *((Remedy("own points", "leave out no more than the robot's own"),) if own else ()),
-            ),
-        )
+        own = environment.near.left_out
+        given = Remedy("environment", "give points of the surroundings")
+        if not own:
+            return Explanation(f"{_HEAD}: the cloud is empty", (given,))
+        leave = Remedy("own points", "leave out no more than the robot and what it holds")
+        words = f"all {own:,} points of the clouds are taken for those of the robot or the object"
+        return Explanation(f"{_HEAD}: {words}", (given, leave))
     span = f"the {environment.points:,} points span {_box_in_words(environment.extent)}"
     of_volume = _box_in_words(np.stack([volume.lower, volume.upper]))
     # there are points, but all lie outside of the workspace

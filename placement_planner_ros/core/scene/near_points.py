@@ -20,10 +20,12 @@ class NearPoints:
     Attributes:
         common: (k, 3) obstacles whatever is held, metres.
         of_grasps: (k, 3) by arm and grasp, obstacles where the object is held like that.
+        left_out: how many points were taken for the robot's, or for those of what it holds.
     """
 
     common: Array = field(default_factory=lambda: np.zeros((0, 3)))
     of_grasps: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+    left_out: int = 0
 
     def within(self, lower: Array, upper: Array) -> NearPoints:
         """Those in the box of corners (3,)."""
@@ -32,7 +34,7 @@ class NearPoints:
             return points[((points >= lower) & (points <= upper)).all(axis=1)]
 
         of_grasps = {grasp: inside(points) for grasp, points in self.of_grasps.items()}
-        return NearPoints(inside(self.common), of_grasps)
+        return NearPoints(inside(self.common), of_grasps, self.left_out)
 
 
 def laid_over(obstacles: ObstacleSet, points: Array) -> ObstacleSet:

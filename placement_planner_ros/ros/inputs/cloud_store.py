@@ -240,8 +240,8 @@ class CloudStore:
             faults.append(CloudStaleError("clouds: ages", shown, words))
         if needed and not faults and not self.parts(mode):
             words = (
-                "there is no finite point in any; look at the sensor, or name the topics that show "
-                "the surroundings in cloud_topics"
+                "every cloud is empty: there is no finite point in any; look at the sensor, or "
+                "name the topics that show the surroundings in cloud_topics"
             )
             where = f"0 points on {', '.join(latest) or 'any topic'}"
             faults.append(CloudError("clouds", where, words))

@@ -246,7 +246,7 @@ def near_points(
         others = beside_held & ~of_robot.joined(look).own()
         aside[grasp] = _pushed(things(others), (robot, held[grasp]), clear)
     kept[around] = ~(of_robot.padded | beside_held)
-    return kept, NearPoints(common, aside)
+    return kept, NearPoints(common, aside, int((~kept).sum()))
 
 
 def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:

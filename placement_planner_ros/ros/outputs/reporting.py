@@ -87,9 +87,6 @@ class Reporter:
         notes = environment_notes(run.snapshot, prepared.environment)
         if prepared.planner.unusable:
             notes.append(f"does without: {listed(prepared.planner.unusable, '; ')}")
-        if prepared.flying:
-            points = sum(map(len, run.snapshot.clouds))
-            notes.append(f"{prepared.flying:,} of {points:,} points are left out as flying pixels")
         for note in notes:
             self._log.event(f"run {run.number}: {note}")
         self._outputs.environment(run.snapshot, prepared.environment)

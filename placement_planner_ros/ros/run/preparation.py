@@ -33,15 +33,10 @@ Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A planner and what it plans in.
-
-    Attributes:
-        flying: how many points of the clouds were left out as flying pixels.
-    """
+    """A planner and what it plans in."""
 
     planner: PlacementPlanner
     environment: Environment
-    flying: int = 0
 
 
 Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]
@@ -141,7 +136,7 @@ class Preparation:
                 finally:
                     self._making.release()
                 planner = make_planner(snapshot, made.environment)
-                return Prepared(planner, made.environment, made.surroundings.flying)
+                return Prepared(planner, made.environment)
         finally:
             self._run = None
 

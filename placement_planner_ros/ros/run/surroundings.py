@@ -57,8 +57,7 @@ class Surroundings:
         bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         disagreements: of clouds whose heights contradict each other.
-        clouds: what is real of each, and how many flying pixels it had, by what tells one cloud of
-            this snapshot from others.
+        clouds: what is real of each, by what tells one cloud of this snapshot from others.
     """
 
     snapshot: Snapshot
@@ -67,7 +66,7 @@ class Surroundings:
     bounds: tuple[Array, Array]
     sights: tuple[View, ...]
     disagreements: tuple[Disagreement, ...]
-    clouds: dict[object, tuple[Array, int]]
+    clouds: dict[object, Array]
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -82,11 +81,11 @@ class Surroundings:
         known = {} if before is None else before.clouds
         # flying pixels take longest to tell, so they are remembered for each cloud
         keys = [(id(part.points), part.eye, part.placed, size) for part in snapshot.parts]
-        clouds: dict[object, tuple[Array, int]] = {
-            key: known.get(key) or _real_points(part, size)
+        clouds: dict[object, Array] = {
+            key: known[key] if key in known else _real_points(part, size)
             for key, part in zip(keys, snapshot.parts, strict=True)
         }
-        parts = [(part, clouds[key][0]) for key, part in zip(keys, snapshot.parts, strict=True)]
+        parts = [(part, clouds[key]) for key, part in zip(keys, snapshot.parts, strict=True)]
         points = np.vstack([real for _, real in parts])
         # what the robot and the object in its hand cover is left out of what sensors saw
         kept, near = np.ones(len(points), np.bool_), NearPoints()
@@ -107,11 +106,6 @@ class Surroundings:
             _disagreements(snapshot, each),
             clouds,
         )
-
-    @property
-    def flying(self) -> int:
-        """How many points of the clouds are left out as flying pixels."""
-        return sum(flying for _, flying in self.clouds.values())
 
     def same_scene(self, other: Surroundings) -> bool:
         """Whether both environments are the same but for what robot and object make of them."""
@@ -183,17 +177,16 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     return kept, near.within(*_workspace(snapshot))
 
 
-def _real_points(part: PointSet, size: float) -> tuple[Array, int]:
-    """Of a cloud (n, 3) what is no flying pixel, no denser than cells of that size need; and how
-    many flying pixels there are. What is known is all real."""
-    points, flies = part.points, np.zeros(len(part.points), np.bool_)
+def _real_points(part: PointSet, size: float) -> Array:
+    """Of a cloud (n, 3) what is no flying pixel, no denser than cells of that size need; what is
+    known is all real."""
+    real = part.points
     if part.placed:
-        return points, 0
+        return real
     # without a sensor's place nobody can tell flying pixels
     if part.origin is not None:
-        flies = flying_pixels(points, part.origin)
-    real = points[~flies] if flies.any() else points
-    return real[thinned(real, size)], int(flies.sum())
+        real = real[~flying_pixels(real, part.origin)]
+    return real[thinned(real, size)]
 
 
 _Filtered = tuple[PointSet, Array, Mask]

@@ -15,12 +15,15 @@ from placement_planner_ros.core.explanation.constraint_table import refused_in_s
 from placement_planner_ros.core.explanation.explain import explain_search
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, quoted
 from placement_planner_ros.core.explanation.search import Progress
+from placement_planner_ros.core.explanation.surfaces import why_no_region
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
-from placement_planner_ros.core.types import Verdict, steepness
+from placement_planner_ros.core.types import TargetVolume, Verdict, steepness
 from placement_planner_ros.ros import node_words
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 
@@ -170,6 +173,15 @@ def test_an_explanation_in_one_line_and_in_several():
     assert early.cause == "it rains; it was stopped after 0.3 s, so let it search longer"
     assert told.cut_short(0.3) == told  # where the limit is not to blame
     assert str(Explanation("it rains")) == Explanation("it rains").short == "it rains"
+
+
+def test_of_no_points_it_is_told_whether_any_were_the_robots():
+    bounds = np.zeros(3), np.ones(3)
+    empty = Environment.from_points(np.zeros((0, 3)), TargetVolume(*bounds), bounds=bounds)
+    assert why_no_region(empty).cause.endswith("the cloud is empty")
+    told = why_no_region(empty.with_near(NearPoints(left_out=7)))
+    assert "7 points" in told.cause
+    assert [remedy.parameter for remedy in told.remedies] == ["environment", "own points"]
 
 
 def test_a_table_that_is_too_steep_is_named_with_its_angle_and_the_remedy_helps():
