@@ -20,10 +20,9 @@ from placement_planner_ros.core.contacts.support_settings import (
     SupportSettings,
 )
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.explanation.constraint_table import refused_in_short
+from placement_planner_ros.core.explanation.constraint_table import shares_in_words
 from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.explanation import Explanation
-from placement_planner_ros.core.explanation.search import Progress, Search
+from placement_planner_ros.core.explanation.explanation import Explanation, Progress, Search
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
@@ -331,7 +330,6 @@ class PlacementPlanner:
             poses,
             finder,
             hierarchy,
-            self._bounds,
             self.unusable,
             PlannerSettings().footing,
         )
@@ -406,7 +404,8 @@ class PlacementPlanner:
         """
         statistics = self.statistics
         if statistics.solutions:
-            self.explanation = Explanation(refused_in_short(statistics.count))
+            words = shares_in_words(statistics.count.verdicts, "samples")
+            self.explanation = Explanation(words)
             return self.explanation
         progress = Progress(
             statistics.count,

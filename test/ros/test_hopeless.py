@@ -329,7 +329,7 @@ SITUATIONS = {
         "NO_FACE",
         "object.front",
         with_parameters(object__front=[]),
-        "only together",
+        "keeps object.up and object.front",
     ),
     "no time": Situation(
         Inputs({"time_limit": 1e-5}),

@@ -11,8 +11,6 @@ from helpers.tasks import yumi_task
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
-from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -140,10 +138,6 @@ def test_samples_are_counted_by_the_wall_that_things_were_to_lean_on(leaning):
     groups = planner.statistics.rejected_by_group
     assert {f"the {group}" for group in groups} >= {p.resting.on for p in placements}
     assert set(groups) <= {str(wall) for wall in problem.environment.walls}
-    told = explain_search(planner._search, Progress(planner.statistics.count))
-    words = [line for line in told.details if " samples " in line]
-    assert words
-    assert all(line.startswith("wall at (") for line in words)
 
 
 def test_what_leans_is_moved_along_the_wall_and_to_and_from_it(leaning):
