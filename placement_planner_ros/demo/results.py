@@ -107,4 +107,4 @@ def leg_of(name: str, setting: Setting, best: Solution) -> Leg:
         None if retreat is None else JointCurve.of(retreat),
         pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])),
     )
-    return Leg(name, setting.vertices, setting.triangles, motion)
+    return Leg(name, setting.vertices[setting.triangles], motion)

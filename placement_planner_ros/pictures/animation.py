@@ -66,7 +66,8 @@ def titled_frame(image: Image, line: str) -> Picture.Image:
     shown = Picture.fromarray((image.colours * 255.0).round().astype(np.uint8)).reduce(2)
     frame = Picture.new("RGB", (shown.width, shown.height + TITLE), "white")
     frame.paste(shown, (0, TITLE))
-    ImageDraw.Draw(frame).text((8, 4), line, fill="black", font=ImageFont.load_default(15))
+    font = ImageFont.load_default(TITLE // 2 + 2)
+    ImageDraw.Draw(frame).text((8, 4), line, fill="black", font=font)
     return frame
 
 

@@ -12,10 +12,9 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.animation import side_by_side, titled_frame
-from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
 from placement_planner_ros.pictures.shapes import PLACED, RobotShapes, moved, tube, volume_edges
 
-_MOST_GRASPS = 8
 _TOWARDS_EYE = (-0.9, 0.45)
 """Azimuth and elevation, rad."""
 _PANEL = (520, 420)
@@ -25,7 +24,7 @@ _PANEL = (520, 420)
 def draw_robot(
     path: Path, robot: Robot, q: Array, arms: Sequence[Arm], body: Body | None, volume: TargetVolume
 ) -> None:
-    """Write a PNG: the robot at q (nq,) with V and, with the hand open, grasps, eight at most."""
+    """Write a PNG: the robot at q (nq,) with V and, with the hand open, each grasp."""
     shapes = RobotShapes(robot, [link for arm in arms for link in arm.touch_links])
     shown, panels = [*shapes.at(q), *volume_edges(volume)], []
     # each arm with the object in its first grasp
@@ -37,7 +36,7 @@ def draw_robot(
     panels.append(("at the start, first grasps, tip axes x y z in red, green, blue", shown))
 
     grasps = [(arm, number) for arm in arms for number in range(len(arm.grasps))]
-    for arm, number in grasps[:_MOST_GRASPS]:
+    for arm, number in grasps:
         if body is None:
             break
         opened = robot.with_open_hand(q, arm) if arm.gripper_joints else q
@@ -48,23 +47,22 @@ def draw_robot(
             for mesh, link in zip(shapes.at(opened), robot.geometry_links, strict=True)
             if link in arm.touch_links
         ]
-        held = _held(body, T_world_tip * arm.grasps[number], 0.75)
+        held = _held(body, T_world_tip * arm.grasps[number])
         panels.append((f"{arm.name}, grasp {number}", [*hand, held, *_axes_at(T_world_tip)]))
     frames = [titled_frame(_drawn(meshes), words) for words, meshes in panels]
     side_by_side(frames, 3).save(path)
 
 
 def _drawn(meshes: Sequence[Mesh]) -> Image:
-    points = np.vstack([mesh.vertices for mesh in meshes])
-    view = Viewpoint.around(points, _TOWARDS_EYE, 2 * np.array(_PANEL))
-    return render(view, joined(meshes))
+    points = np.vstack([mesh.corners.reshape(-1, 3) for mesh in meshes])
+    return render(Viewpoint.around(points, _TOWARDS_EYE, 2 * np.array(_PANEL)), meshes)
 
 
-def _held(body: Body, T: pin.SE3, alpha: float = 1.0) -> Mesh:
-    return Mesh(moved(body.vertices, T), body.triangles, PLACED, alpha)
+def _held(body: Body, T: pin.SE3) -> Mesh:
+    return Mesh(moved(body.vertices[body.triangles], T), PLACED)
 
 
 def _axes_at(T: pin.SE3) -> list[Mesh]:
     """x, y and z of a frame in red, green and blue, 10 cm long."""
     ends = [np.array([T.translation, T.translation + 0.1 * axis]) for axis in T.rotation.T]
-    return [tube(ends[k], 0.002, tuple(np.eye(3)[k] * 0.85)) for k in range(3)]
+    return [tube(ends[k], tuple(np.eye(3)[k] * 0.85)) for k in range(3)]

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import functools
 
+import coal
+import numpy as np
+import trimesh
+
+from placement_planner_ros.core.body.convex_part import polytope_of
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.shapes import Shape, shape_of
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.overlap import link_surfaces
 from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array
 
 
 @functools.lru_cache(maxsize=8)
@@ -36,3 +43,31 @@ def _mesh_shapes(covers: tuple[LinkCover | None, ...]) -> tuple[Shape | None, ..
             mesh = cover.mesh
             made[cover] = kept_shape(cover, mesh.vertices, mesh.triangles)
     return tuple(None if cover is None else made[cover] for cover in covers)
+
+
+def shape_triangles(robot: Robot) -> list[Array]:
+    """(t, 3, 3) triangles of each of the robot's geometries, in its own frame, metres.
+
+    Raises:
+        RobotError: a geometry is of an unknown kind.
+    """
+    shapes = zip(
+        robot.geometry.geometryObjects,
+        robot.geometry_links,
+        link_surfaces(robot.covers),
+        strict=True,
+    )
+    return [
+        _solid_triangles(shape.geometry, link) if mesh is None else mesh.triangles
+        for shape, link, mesh in shapes
+    ]
+
+
+def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
+    """(t, 3, 3) triangles of a shape that is no mesh, metres."""
+    if isinstance(geometry, coal.Sphere):
+        return np.asarray(trimesh.creation.icosphere(radius=geometry.radius).triangles)
+    if isinstance(geometry, coal.Capsule):
+        pill = trimesh.creation.capsule(2.0 * geometry.halfLength, geometry.radius)
+        return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
+    return polytope_of(shape_of(geometry, link).sets[0].vertices).corners

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import trimesh
 
-from placement_planner_ros.core.body.convex_part import polytope_of
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.shapes import shape_of
+from placement_planner_ros.core.collision.link_shapes import shape_triangles
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, link_surfaces
+from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
@@ -171,27 +168,8 @@ def _without(robot: Robot, links: Collection[str]) -> Robot:
 
 def _surface(robot: Robot, link: str) -> Array:
     """(t, 3, 3) triangles of a fixed link, where it is, metres."""
-    found = []
-    for shape, of, mesh in zip(
-        robot.geometry.geometryObjects,
-        robot.geometry_links,
-        link_surfaces(robot.covers),
-        strict=True,
-    ):
-        if of == link:
-            T = shape.placement
-            corners = _solid_triangles(shape.geometry, link) if mesh is None else mesh.triangles
-            found.append(corners @ T.rotation.T + T.translation)
-    return np.vstack(found)
-
-
-def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
-    """(t, 3, 3) triangles of a shape that is no mesh, metres."""
-    if isinstance(geometry, coal.Sphere):
-        ball = trimesh.creation.icosphere(radius=geometry.radius)
-        return np.asarray(ball.triangles)
-    if isinstance(geometry, coal.Capsule):
-        length = 2.0 * geometry.halfLength
-        pill = trimesh.creation.capsule(length, geometry.radius)
-        return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
-    return polytope_of(shape_of(geometry, link).sets[0].vertices).corners
+    shapes = zip(
+        robot.geometry.geometryObjects, robot.geometry_links, shape_triangles(robot), strict=True
+    )
+    placed = ((shape.placement, corners) for shape, of, corners in shapes if of == link)
+    return np.vstack([corners @ T.rotation.T + T.translation for T, corners in placed])

@@ -21,7 +21,7 @@ def seen(shift, deviation=0.001, links=None):
     for number, mesh in enumerate(RobotShapes(ROBOT).at(Q)):
         if links is not None and ROBOT.geometry_links[number] not in links:
             continue
-        made = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+        made = trimesh.Trimesh(**trimesh.triangles.to_kwargs(mesh.corners), process=False)
         points, faces = trimesh.sample.sample_surface(made, int(made.area / 2e-5), seed=number)
         facing = np.einsum("ij,ij->i", made.face_normals[faces], EYE - points) > 0.0
         found.append(points[facing])
