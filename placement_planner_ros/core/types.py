@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 
 FULL_TURN = 2.0 * math.pi
 """rad."""
+ROUNDING = 1e-9
+"""m, rad, or their rates: far above what floating point loses, and nothing to any robot."""
 MAX_BOXES = 64
 """Boxes that V is the union of, at most."""
 

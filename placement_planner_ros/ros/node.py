@@ -196,8 +196,7 @@ class PlacementPlannerNode(ParameterNode):
         arms = make_arms(robot, parameters)
         for arm in arms:
             known = announced(robot, parameters, arm)
-            limits = known.limits(not parameters.planner_settings.timing.chosen)
-            self._log.event("; ".join(filter(None, (known.chain, known.torso, limits))))
+            self._log.event("; ".join(filter(None, (known.chain, known.torso, known.limits))))
         # beside loading kernels, so that the first start finds all prepared
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()

@@ -13,7 +13,8 @@ import trimesh
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
-from placement_planner_ros.core.robot.description import Description, read_floats, read_origin
+from placement_planner_ros.core.robot.description import Description
+from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
 FindFile = Callable[[str], Path]

@@ -24,7 +24,7 @@ CoverMaker = Callable[[Array, Triangles, float], Cover]
 """Makes the cover of vertices (n, 3), triangles (t, 3), within a tolerance, metres."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class CoveredMesh:
     """All pieces of an object that are not convex.
 

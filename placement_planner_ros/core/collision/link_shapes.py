@@ -13,7 +13,6 @@ from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.shapes import Shape, shape_of
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import link_surfaces
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
@@ -54,12 +53,14 @@ def shape_triangles(robot: Robot) -> list[Array]:
     shapes = zip(
         robot.geometry.geometryObjects,
         robot.geometry_links,
-        link_surfaces(robot.covers),
+        robot.covers,
         strict=True,
     )
     return [
-        _solid_triangles(shape.geometry, link) if mesh is None else mesh.triangles
-        for shape, link, mesh in shapes
+        _solid_triangles(shape.geometry, link)
+        if cover is None
+        else cover.mesh.vertices[cover.mesh.triangles]
+        for shape, link, cover in shapes
     ]
 
 

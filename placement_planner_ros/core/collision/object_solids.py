@@ -9,13 +9,11 @@ import coal
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
-from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.robot.geometry import convex_geometry, triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import MeshSurface, Overlaps, link_surfaces
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.robot.overlap import Overlaps, link_meshes
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
@@ -32,11 +30,6 @@ class ObjectSolid:
     shape: Shape
     geometry: coal.CollisionGeometry
     mesh: CoveredMesh | None = None
-
-    @property
-    def triangles(self) -> Array | None:
-        """(t, 3, 3) of a mesh; None where it is convex."""
-        return None if self.mesh is None else self.mesh.vertices[self.mesh.triangles]
 
 
 @weak_lru_cache("body", maxsize=1)
@@ -59,13 +52,8 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]
     solids = object_solids(body)
-    surfaces = [
-        None if each.triangles is None else MeshSurface(each.triangles, MAX_PIECES)
-        for each in solids
-    ]
-    return Overlaps(
-        [*links, *(solid.geometry for solid in solids)], [*link_surfaces(robot.covers), *surfaces]
-    )
+    meshes = [*link_meshes(robot), *(solid.mesh for solid in solids)]
+    return Overlaps([*links, *(solid.geometry for solid in solids)], meshes)
 
 
 def part_set(part: ConvexPart) -> ConvexSet:

@@ -26,8 +26,6 @@ _OPENING_STEP_RAD = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
 _ADDED_DEPTH_M = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
-_FINE_DEPTH_M = 2e-5
-"""m to which it is told how deep a mesh lies in another shape to begin with."""
 
 
 def opening_error(moving: MovingArm, held: AttachedObject) -> GraspError | None:
@@ -90,7 +88,7 @@ def _added_depth(
     """How much deeper the first shape gets into the second, at a pose, than it begins, metres."""
     i, j = pair
     # The depth at the beginning, and the greatest one on the way.
-    most = begun = overlaps.depth(i, j, places[0], at, _FINE_DEPTH_M)
+    most = begun = overlaps.depth(i, j, places[0], at)
     for place in places[1:]:
         told = max(begun + _ADDED_DEPTH_M, most)
         most = max(most, overlaps.depth(i, j, place, at, beyond=told))

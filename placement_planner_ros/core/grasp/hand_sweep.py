@@ -112,7 +112,7 @@ def moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
 
 def revolute_coordinates(robot: Robot) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates are angles."""
-    return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
+    return ~np.isin(robot.joint_names, list(robot.prismatic))
 
 
 def joint_frames(robot: Robot, q: Array, change: Array, steps: int) -> list[list[pin.SE3]]:

@@ -283,14 +283,10 @@ class StartState:
         return Fault(f"in self-collision: {listed([*met.values()])}", (remedy, MOVE_ROBOT))
 
     def _overlap_words(self, i: int, j: int) -> str:
-        """Where two shapes of links that meet do so, and how deep."""
-        placed = i, j, self._places[i], self._places[j]
-        x, y, z = self._overlaps.place(*placed)
+        """Which links meet, and how deep."""
+        depth = self._overlaps.depth(i, j, self._places[i], self._places[j])
         first, second = sorted_pair(*(self._robot.geometry_links[k] for k in (i, j)))
-        return (
-            f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
-            f"{self._overlaps.depth(*placed):.4f} m in each other"
-        )
+        return f"{first} meets {second}, their shapes {depth:.4f} m in each other"
 
     def _met_by_object(self, arm: Arm, T: pin.SE3) -> str:
         """Which link that is not of the hand the object at T meets first; '' where none."""
@@ -340,9 +336,8 @@ class StartState:
             half = np.abs(T.rotation) @ ((local.max_ - local.min_) / 2) + margin
             near = ((lower <= center + half) & (upper >= center - half)).all(axis=1)
             for low, high in zip(lower[near], upper[near], strict=True):
-                at = coal.Transform3s(np.eye(3), (low + high) / 2)
-                placed = coal.Transform3s(T.rotation, T.translation)
-                if meet(shape, placed, coal.Box(high - low), at, margin):
+                at = pin.SE3(np.eye(3), (low + high) / 2)
+                if meet(shape, T, coal.Box(high - low), at, margin):
                     x, y, z = (low + high) / 2
                     return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
         return ""

@@ -10,10 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.types import Array, frozen_array
-
-ROUNDING = 1e-12
-"""rad or m"""
+from placement_planner_ros.core.types import ROUNDING, Array, frozen_array
 
 
 def follow_masters(ties: Array, Q: Array) -> Array:

@@ -11,13 +11,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.geometry import MAX_EXTENT
 from placement_planner_ros.core.types import Array
 
 if TYPE_CHECKING:
     from placement_planner_ros.core.robot.model import Robot
-
-FAR_GRASP = 100.0
-"""Metres from the tip frame beyond which the origin of an object in hand is a mistake."""
 
 
 def derive_arm(
@@ -53,25 +51,17 @@ def derive_arm(
     if not isinstance(grasps, Iterable):
         raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
     if not robot.has_link(tip_frame):
-        raise RobotError(
-            f"{where}: tip_frame", tip_frame, f"name a link of the robot {robot.name!r}"
-        )
-    # Joints on the way to the tip, in their order.
+        words = f"name a link of the robot {robot.name!r}"
+        raise RobotError(f"{where}: tip_frame", tip_frame, words)
+    # Joints on the way to the tip, or those chosen of them.
     chain = robot.chain_joints(tip_frame)
-    # Those chosen, if any are; each of them once.
     joints = chain if joints is None else tuple(joints)
     if not joints:
         raise RobotError(f"{where}: joints", [], f"no movable joint leads to {tip_frame}")
-    for joint in joints:
-        if joint not in chain:
-            raise RobotError(
-                f"{where}: joints", joint, f"is not on the way to {tip_frame}: {list(chain)}"
-            )
-    if list(joints) != [joint for joint in chain if joint in joints]:
-        ordered = [joint for joint in chain if joint in joints]
-        raise RobotError(
-            f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
-        )
+    ordered = [joint for joint in chain if joint in joints]
+    if list(joints) != ordered:
+        words = f"list some of those on the way to {tip_frame}, each once, root to tip"
+        raise RobotError(f"{where}: joints", list(joints), f"{words}: {list(chain)}")
     # What moves together, and what may touch.
     ties = _ties(robot, where, joints, chain)
     if touch_links is None:
@@ -165,35 +155,30 @@ def _checked_gripper(
     # Joints of the hand alone, within their limits.
     for joint, value in zip(gripper_joints, gripper_open, strict=True):
         field = f"{where}: gripper_joints"
-        if joint not in robot.joint_names:
-            raise RobotError(field, joint, "name a movable joint of the robot")
-        if joint in joints:
-            raise RobotError(field, joint, "is a joint of the arm itself")
+        if joint not in robot.joint_names or joint in joints:
+            raise RobotError(field, joint, "name a movable joint, and no joint of the arm itself")
         if joint in robot.mimics:
             raise RobotError(field, joint, f"follows {robot.mimics[joint].master}; list that")
         low, high = robot.lower[robot.index(joint)], robot.upper[robot.index(joint)]
         if not low <= value <= high:
-            raise RobotError(
-                f"{where}: gripper_open", value, f"must lie in {joint}'s [{low:g}, {high:g}]"
-            )
+            words = f"must lie in {joint}'s [{low:g}, {high:g}]"
+            raise RobotError(f"{where}: gripper_open", value, words)
     return tuple(float(v) for v in gripper_open)
 
 
 def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
+    # A rigid transform not far from the tip.
     try:
-        # A rigid transform not far from the tip.
         T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
     except (TypeError, ValueError):
         T = np.empty(0)
-    if T.shape != (4, 4):
-        raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4)")
-    R = T[:3, :3]
-    if not np.isfinite(T).all():
-        raise GraspError(field, T.tolist(), "every number must be finite")
-    if np.abs(T[:3, 3]).max() > FAR_GRASP:
-        raise GraspError(field, T[:3, 3].tolist(), f"is more than {FAR_GRASP:g} m from the tip")
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
-        raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
-    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
-        raise GraspError(field, T.tolist(), "its last row must be 0 0 0 1; transpose it?")
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4), all finite")
+    R, last_row = T[:3, :3], [0.0, 0.0, 0.0, 1.0]
+    if np.abs(T[:3, 3]).max() > MAX_EXTENT:
+        raise GraspError(field, T[:3, 3].tolist(), f"is more than {MAX_EXTENT:g} m from the tip")
+    away = np.abs(R.T @ R - np.eye(3)).max()
+    if away > 1e-6 or np.linalg.det(R) < 0.0 or not np.array_equal(T[3], last_row):
+        words = "is no rotation above 0 0 0 1; normalise the quaternion"
+        raise GraspError(field, T.tolist(), words)
     return pin.SE3(R, T[:3, 3])

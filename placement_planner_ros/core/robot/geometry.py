@@ -27,7 +27,8 @@ from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
-from placement_planner_ros.core.robot.description import read_floats, read_origin
+from placement_planner_ros.core.robot.description import MAX_PARTS
+from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
 MAX_EXTENT = 15.0
@@ -45,16 +46,13 @@ PRIMITIVES = {
 MAX_ALL_TRIANGLES = 1_000_000
 """Triangles that all meshes of a robot may have together, each file counted once."""
 
-MAX_SHAPES = 1000
-"""Collision shapes that a robot may have."""
-
 PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
 """Package name -> its share folder, or folders that hold packages or relative mesh paths."""
 
 Triangles = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class LinkMesh:
     """A mesh that is not convex, as a link has it.
 
@@ -132,11 +130,11 @@ def build_geometry(
     """
     # Not too many, and each file read once.
     count = sum(1 for _ in root.iterfind("link/collision"))
-    if count > MAX_SHAPES:
+    if count > MAX_PARTS:
         raise RobotError(
             "`urdf`",
             f"{count} collision shapes",
-            f"is more than a robot may have, {MAX_SHAPES}",
+            f"is more than a robot may have, {MAX_PARTS}",
         )
     meshes = _Meshes(_Folders(files) if isinstance(files, (Mapping, Sequence)) else files)
     geometry = pin.GeometryModel()

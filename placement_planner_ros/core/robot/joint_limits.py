@@ -5,33 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from placement_planner_ros.core.errors import RobotError
 
 FIELD = "`joint_limits`"
 """Under which MoveIt's limits are given."""
 
-DEFAULT_ANGULAR_VELOCITY = 1.0
-"""rad/s, for a joint that turns and has no usable velocity limit."""
+MAX_VELOCITY = 100.0
+"""rad/s or m/s: a greater limit states none."""
 
-DEFAULT_LINEAR_VELOCITY = 0.1
-"""m/s, the same for one that slides."""
+ANGULAR_VELOCITY = 1.0
+"""rad/s, for a joint that turns and has no usable velocity limit."""
 
 ANGULAR_ACCELERATION = 5.0
 """rad/s², for a joint that turns and whose limit nobody states."""
 
-LINEAR_ACCELERATION = 0.5
-"""m/s², the same for one that slides: lifts and rails carry what hangs on them."""
-
-_NUMBERS = (
-    "min_position",
-    "max_position",
-    "max_velocity",
-    "max_acceleration",
-    "max_deceleration",
-)
-_KINDS = ("position", "velocity", "acceleration", "deceleration")
+SLIDING_LEVER_M = 0.1
+"""m: a joint that slides is assumed to be as fast as one that turns is at this radius, since lifts
+and rails carry what hangs on them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,37 +33,6 @@ class JointLimit:
     upper: float | None = None
     velocity: float | None = None
     acceleration: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Assumed:
-    """A limit that nobody states.
-
-    Attributes:
-        joint: whose.
-        what: which.
-        value: what is planned with instead.
-        unit: of the value.
-    """
-
-    joint: str
-    what: Literal["velocity", "acceleration"]
-    value: float
-    unit: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.value:g} {self.unit} of {self.joint}"
-
-
-def assumed_rate(
-    joint: str, what: Literal["velocity", "acceleration"], *, prismatic: bool
-) -> Assumed:
-    """The limit that a joint is taken to have where nobody states one."""
-    if what == "velocity":
-        value = DEFAULT_LINEAR_VELOCITY if prismatic else DEFAULT_ANGULAR_VELOCITY
-        return Assumed(joint, what, value, "m/s" if prismatic else "rad/s")
-    value = LINEAR_ACCELERATION if prismatic else ANGULAR_ACCELERATION
-    return Assumed(joint, what, value, "m/s^2" if prismatic else "rad/s^2")
 
 
 def read_joint_limits(given: object) -> dict[str, JointLimit]:
@@ -105,25 +65,24 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
 
 
 def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
-    # Numbers of limits that are not switched off.
-    off = {kind for kind in _KINDS if values.get(f"has_{kind}_limits") is False}
-    numbers: dict[str, float | None] = {}
-    for name in _NUMBERS:
-        # A number, or nothing.
-        value = values.get(name)
-        kind = name.partition("_")[2]
-        if value is None or kind in off:
-            numbers[name] = None
-            continue
-        field = f"{FIELD}: {joint}.{name}"
+    def number(end: str, kind: str) -> float | None:
+        # Nothing where the limit is not stated, or switched off.
+        name = f"{end}_{kind}"
+        value, field = values.get(name), f"{FIELD}: {joint}.{name}"
+        if value is None or values.get(f"has_{kind}_limits") is False:
+            return None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise RobotError(field, value, "give a number")
-        if kind == "deceleration":
-            value = abs(value)  # MoveIt's is negative
+        value = abs(value) if kind == "deceleration" else value  # MoveIt's is negative
         if not math.isfinite(value) or (kind != "position" and value <= 0.0):
             raise RobotError(field, value, "give a finite number, above zero unless a position")
-        numbers[name] = float(value)
-    lower, upper, velocity, up, down = (numbers[name] for name in _NUMBERS)
+        return float(value)
+
     # The smaller of both accelerations.
-    rates = [rate for rate in (up, down) if rate is not None]
-    return JointLimit(lower, upper, velocity, min(rates, default=None))
+    rates = number("max", "acceleration"), number("max", "deceleration")
+    return JointLimit(
+        number("min", "position"),
+        number("max", "position"),
+        number("max", "velocity"),
+        min((rate for rate in rates if rate is not None), default=None),
+    )

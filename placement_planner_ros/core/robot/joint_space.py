@@ -10,15 +10,9 @@ from numbers import Real
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.errors import JointStateError, RobotError, StartError, listed
-from placement_planner_ros.core.robot.description import Mimic
-from placement_planner_ros.core.types import Array, frozen_array
-
-LIMIT_TOLERANCE = 1e-6
-"""rad or m by which a measured joint may exceed its limit before `limit_violations` says so."""
-
-FAR_BEYOND = 0.1
-"""rad or m beyond its limit from which on a value is none of this joint, or in another unit."""
+from placement_planner_ros.core.errors import JointStateError, RobotError, StartError
+from placement_planner_ros.core.robot.joints import Mimic
+from placement_planner_ros.core.types import ROUNDING, Array, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,11 +22,12 @@ class JointSpace:
     Attributes:
         joint_names: (nq) movable joints, mimicking ones included.
         lower, upper: (nq,) joint limits, rad or m; those of joints without end stops hold for
-            plans alone (`description.CONTINUOUS_RANGE`).
+            plans alone (`joints.CONTINUOUS_RANGE`).
         velocity_limits: (nq,) rad/s or m/s.
         acceleration_limits: (nq,) rad/s² or m/s².
         mimics: joints that follow another.
         continuous: joints without end stops, which may have been turned any number of times.
+        prismatic: joints that slide.
     """
 
     joint_names: tuple[str, ...]
@@ -42,6 +37,7 @@ class JointSpace:
     acceleration_limits: Array
     mimics: Mapping[str, Mimic]
     continuous: frozenset[str]
+    prismatic: frozenset[str]
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "velocity_limits", "acceleration_limits"):
@@ -58,6 +54,10 @@ class JointSpace:
             raise RobotError("joint", joint, f"name one of {list(self.joint_names)}")
         return self.joint_names.index(joint)
 
+    def unit(self, joint: str) -> str:
+        """Of a joint's values: "m" where it slides, else "rad"."""
+        return "m" if joint in self.prismatic else "rad"
+
     @property
     def _coupled(self) -> set[str]:
         """Joints that follow another, and those that are followed."""
@@ -71,7 +71,20 @@ class JointSpace:
             RobotError: no movable joint of that name.
             JointStateError: a value is not finite.
         """
-        return self._filled(np.array(q, dtype=np.float64), positions)
+        # Finite numbers only, then what follows.
+        bad = [
+            f"{n} = {v!r}"
+            for n, v in positions.items()
+            if not (isinstance(v, Real) and math.isfinite(v))
+        ]
+        if bad:
+            raise JointStateError("`q_start`: values", bad, "must be finite numbers")
+        q = np.array(q, dtype=np.float64)
+        for name, value in positions.items():
+            q[self.index(name)] = value
+        for name, mimic in self.mimics.items():
+            q[self.index(name)] = mimic.multiplier * q[self.index(mimic.master)] + mimic.offset
+        return q
 
     def unwound(self, q: Array) -> Array:
         """q (nq,), continuous joints turned by whole turns to within half a turn of zero.
@@ -94,43 +107,18 @@ class JointSpace:
         following = np.isin(self.joint_names, list(self.mimics))
         return np.where(following, 0.0, np.where(endless, wrapped, away))
 
-    def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
-        """q (nq,) with some joints set, in place.
-
-        Raises:
-            RobotError: no movable joint of that name.
-            JointStateError: a value is not finite.
-        """
-        # Finite numbers only, then what follows.
-        bad = [
-            f"{n} = {v!r}"
-            for n, v in positions.items()
-            if not (isinstance(v, Real) and math.isfinite(v))
-        ]
-        if bad:
-            raise JointStateError("`q_start`: values", bad, "must be finite numbers")
-        for name, value in positions.items():
-            q[self.index(name)] = value
-        for name, mimic in self.mimics.items():
-            q[self.index(name)] = mimic.multiplier * q[self.index(mimic.master)] + mimic.offset
-        return q
-
     def require_plausible(self, q: Array, joints: Collection[str]) -> None:
-        """Refuse a configuration q (nq,) in which one of these joints is far beyond its limits.
+        """Refuse a configuration q (nq,) in which one of these joints is further beyond its limits
+        than it can move between them, as in another unit.
 
         Raises:
-            StartError: by more than `FAR_BEYOND`.
+            StartError: there is one.
         """
-        # Of these joints those that are far beyond.
-        far = self._beyond(q) > FAR_BEYOND
-        far &= np.isin(self.joint_names, list(joints))
+        ranges = self.upper - self.lower
+        far = (self._beyond(q) > ranges) & (ranges > 0.0) & np.isin(self.joint_names, list(joints))
         if far.any():
-            raise StartError(
-                "`q_start`",
-                [f"{name} = {value:.6g}" for name, value in self._those(q, far)],
-                listed(self.limit_violations(np.where(far, q, self.lower)), "; ")
-                + f", by more than {FAR_BEYOND:g}: publish rad or m",
-            )
+            words = self.limit_violations(np.where(far, q, self.lower))
+            raise StartError("`q_start`", words, "more than it can move: publish rad or m")
 
     def within_limits(self, q: Array, tolerance: float) -> Array:
         """A copy of q (nq,) in which what is beyond a limit by no more than that is at the limit.
@@ -138,7 +126,7 @@ class JointSpace:
         Args:
             tolerance: rad or m.
         """
-        near = self._beyond(q) <= tolerance * (1.0 + 1e-9)
+        near = self._beyond(q) <= tolerance + ROUNDING
         return np.where(near & self._has_limits, np.clip(q, self.lower, self.upper), q)
 
     @property
@@ -151,14 +139,10 @@ class JointSpace:
         beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
         return np.where(self._has_limits, beyond, 0.0)
 
-    def _those(self, q: Array, which: npt.NDArray[np.bool_]) -> list[tuple[str, float]]:
-        return [(self.joint_names[i], float(q[i])) for i in np.flatnonzero(which)]
-
     def limit_violations(self, q: Array) -> list[str]:
         """One sentence per joint of q (nq,) that is beyond its limits."""
         return [
-            f"joint {name} = {value:.6g} is beyond its limits [{self.lower[i]:.6g}, "
+            f"joint {self.joint_names[i]} = {q[i]:.6g} is beyond its limits [{self.lower[i]:.6g}, "
             f"{self.upper[i]:.6g}]"
-            for i in np.flatnonzero(self._beyond(q) > LIMIT_TOLERANCE)
-            for name, value in [(self.joint_names[i], q[i])]
+            for i in np.flatnonzero(self._beyond(q) > ROUNDING)
         ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -22,9 +21,9 @@ from placement_planner_ros.core.robot.geometry import (
     build_geometry,
     make_covers,
 )
-from placement_planner_ros.core.robot.joint_limits import Assumed, JointLimit
-from placement_planner_ros.core.robot.joint_space import LIMIT_TOLERANCE, JointSpace
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.robot.joint_limits import JointLimit
+from placement_planner_ros.core.robot.joint_space import JointSpace
+from placement_planner_ros.core.types import ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
@@ -42,9 +41,9 @@ class Robot(JointSpace):
         geometry_links: link of each of geometry.geometryObjects.
         covers: of each of geometry.geometryObjects that is a mesh and not convex a convex cover
             with the mesh, the same for all with the same file and scale; of all others None.
-        assumed: velocity and acceleration limits that nobody states.
+        assumed: of each joint which limits nobody states, "velocity" or "acceleration".
         allowed_pairs: sorted link pairs that self-collision checks leave out.
-        left_out: those of them that no SRDF names, and why; None where there is an SRDF.
+        left_out: those of them that no SRDF names, sorted, and why; None where there is an SRDF.
         passive: joints that no motor drives, as the SRDF says.
         warnings: what was decided where the description was silent.
     """
@@ -55,9 +54,9 @@ class Robot(JointSpace):
     geometry: pin.GeometryModel
     geometry_links: tuple[str, ...]
     covers: tuple[LinkCover | None, ...]
-    assumed: tuple[Assumed, ...]
+    assumed: Mapping[str, tuple[str, ...]]
     allowed_pairs: frozenset[pairs.Pair]
-    left_out: tuple[pairs.LeftOut, ...] | None
+    left_out: Mapping[pairs.Pair, pairs.Reason] | None
     passive: frozenset[str]
     warnings: tuple[str, ...]
 
@@ -88,53 +87,49 @@ class Robot(JointSpace):
         # Kinematics, then geometry.
         description = read_urdf(urdf_text, joint_limits)
         model = description.build_model()
-        # In the order of their coordinates.
-        joints = [description.joints[name] for name in model.names[1:]]
-        geometry, geometry_links, covers, notes = build_geometry(
+        joints = [description.joints[name] for name in model.names[1:]]  # as coordinates are
+        geometry, shape_links, covers, notes = build_geometry(
             description.root, model, package_dirs, cover
         )
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
-        warnings = [*description.warnings, *notes]
-        left_out: tuple[pairs.LeftOut, ...] | None = None
-        passive: frozenset[str] = frozenset()
-        # Pairs to leave out: of the SRDF, or derived.
-        if srdf is None:
-            names = [joint.name for joint in joints]
-            ties = [
-                (row, names.index(mimic.master), mimic.multiplier, mimic.offset)
-                for row, mimic in enumerate(joint.mimic for joint in joints)
-                if mimic is not None
-            ]
-            left_out = pairs.derive_allowed_pairs(
-                np.array(ties).reshape(-1, 4), model, geometry, geometry_links, covers
-            )
-            allowed = frozenset(each.links for each in left_out)
-            warnings.extend(_said_of(left_out))
-        else:
-            semantic = pairs.read_srdf(srdf, links)
-            allowed, passive = semantic.allowed, semantic.passive
-            warnings.extend(semantic.warnings)
-        # What is left is checked.
-        _add_collision_pairs(geometry, geometry_links, allowed)
-        return cls(
+        robot = cls(
             name=str(description.root.get("name")),
             root_link=links[0],
             model=model,
             geometry=geometry,
-            geometry_links=geometry_links,
+            geometry_links=shape_links,
             covers=covers,
             joint_names=tuple(joint.name for joint in joints),
             lower=np.array([joint.lower for joint in joints]),
             upper=np.array([joint.upper for joint in joints]),
             velocity_limits=np.array([joint.velocity for joint in joints]),
             acceleration_limits=np.array([joint.acceleration for joint in joints]),
-            assumed=tuple(each for joint in joints for each in joint.assumed),
+            assumed={joint.name: joint.assumed for joint in joints},
             mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
             continuous=frozenset(joint.name for joint in joints if joint.continuous),
+            prismatic=frozenset(joint.name for joint in joints if joint.prismatic),
+            allowed_pairs=frozenset(),
+            left_out=None,
+            passive=frozenset(),
+            warnings=(),
+        )
+        # Pairs to leave out: of the SRDF, or derived; what is left is checked.
+        left_out: dict[pairs.Pair, pairs.Reason] | None = None
+        if srdf is None:
+            left_out, passive = pairs.derive_allowed_pairs(robot), robot.passive
+            allowed, told = frozenset(left_out), pairs.left_out_in_words(left_out)
+        else:
+            allowed, passive, told = pairs.read_srdf(srdf, links)
+        checked = np.array([*pairs.shape_pairs(geometry, shape_links, allowed)], dtype=np.int64)
+        meet = np.zeros((len(shape_links), len(shape_links)), dtype=np.bool_)
+        meet[tuple(checked.reshape(-1, 2).T)] = True
+        geometry.setCollisionPairs(meet)  # at once: one by one, each is compared with all before
+        return replace(
+            robot,
             allowed_pairs=allowed,
             left_out=left_out,
             passive=passive,
-            warnings=tuple(warnings),
+            warnings=(*description.warnings, *notes, *told),
         )
 
     arm = derive_arm
@@ -143,13 +138,9 @@ class Robot(JointSpace):
     def turnable(self) -> frozenset[str]:
         """Joints that turn two times around or more."""
         # A range of two turns, of joints that turn and are tied to none.
-        around = self.upper - self.lower >= 4.0 * np.pi - LIMIT_TOLERANCE
-        kinds = [joint.shortname() for joint in self.model.joints[1:]]
-        return frozenset(
-            name
-            for name, far, kind in zip(self.joint_names, around, kinds, strict=True)
-            if far and "JointModelP" not in kind and name not in self._coupled
-        )
+        around = self.upper - self.lower >= 4.0 * np.pi - ROUNDING
+        far = {name for name, can in zip(self.joint_names, around, strict=True) if can}
+        return frozenset(far - self.prismatic - self._coupled)
 
     @property
     def needed_joints(self) -> tuple[str, ...]:
@@ -186,7 +177,7 @@ class Robot(JointSpace):
         # All that is given; the others at zero or the limit next to it.
         known = [n for n in self.joint_names if n in positions and n not in self.mimics]
         q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
-        return self._filled(q, {name: positions[name] for name in known})
+        return self.with_positions(q, {name: positions[name] for name in known})
 
     def with_open_hand(self, q: Array, arm: Arm) -> Array:
         """A copy of q (nq,) with the arm's gripper open."""
@@ -216,13 +207,16 @@ class Robot(JointSpace):
         pin.framesForwardKinematics(self.model, data, q)
         return pin.SE3(data.oMf[self.frame_id(link)])
 
-    def geometry_poses(self, q: Array) -> list[pin.SE3]:
+    def geometry_poses(self, q: Array, data: pin.Data | None = None) -> list[pin.SE3]:
         """T_world_geometry of each of geometry.geometryObjects at q (nq,), in the root link's
         frame.
 
         Pinocchio's own way makes what checks every collision pair first, which takes milliseconds.
+
+        Args:
+            data: of the model, where many are asked for: of hundreds of joints it takes gigabytes.
         """
-        data = self.model.createData()
+        data = data or self.model.createData()
         pin.forwardKinematics(self.model, data, q)
         return [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in _shapes_of(self)]
 
@@ -236,18 +230,6 @@ class Robot(JointSpace):
         masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
         return tuple(dict.fromkeys(masters))
 
-    def carried(self, T: pin.SE3, frame: str) -> Robot:
-        """This robot, all of it moved by T, in a frame of that name."""
-        # What hangs on the root directly moves; all else with it.
-        model, geometry = self.model.copy(), self.geometry.copy()
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0:
-                model.jointPlacements[joint] = T * model.jointPlacements[joint]
-        for each in [*model.frames, *geometry.geometryObjects]:
-            if each.parentJoint == 0 and each.name != "universe":
-                each.placement = T * each.placement
-        return replace(self, model=model, geometry=geometry, root_link=frame)
-
     def seen_from(self, frame: str) -> Robot:
         """This robot in the frame of one of its links.
 
@@ -256,14 +238,21 @@ class Robot(JointSpace):
         """
         # A link that stands still.
         if not self.has_link(frame):
-            words = (
-                "is no link of the robot; name one, or add it by a fixed joint, or leave it empty"
-            )
+            words = "is no link of the robot; name one, add it by a fixed joint, or leave it empty"
             raise RobotError("`root frame`", frame, words)
         link = self.model.frames[self.frame_id(frame)]
         if link.parentJoint != 0:
-            raise RobotError("`root frame`", frame, "moves; name a frame fixed to the robot's root")
-        return self.carried(link.placement.inverse(), frame)
+            words = "moves; name a frame fixed to the robot's root"
+            raise RobotError("`root frame`", frame, words)
+        # What hangs on the root directly moves; all else with it.
+        T, model, geometry = link.placement.inverse(), self.model.copy(), self.geometry.copy()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = T * model.jointPlacements[joint]
+        for each in [*model.frames, *geometry.geometryObjects]:
+            if each.parentJoint == 0 and each.name != "universe":
+                each.placement = T * each.placement
+        return replace(self, model=model, geometry=geometry, root_link=frame)
 
     def chain_joints(self, link: str) -> tuple[str, ...]:
         """Joints on the way from the root to a link, in their order; those that mimic, too."""
@@ -292,33 +281,3 @@ class Robot(JointSpace):
 def _shapes_of(robot: Robot) -> list[tuple[int, pin.SE3]]:
     """Of each of geometry.geometryObjects the joint that carries it, and T_joint_geometry."""
     return [(g.parentJoint, pin.SE3(g.placement)) for g in robot.geometry.geometryObjects]
-
-
-def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
-    """What to say of pairs that were left out without an SRDF."""
-    # Neighbours are counted, the others told one by one.
-    hidden = [each for each in left_out if each.can_hide]
-    plain = len(left_out) - len(hidden)
-    words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
-    if not hidden:
-        return [words]
-    remedy = "give `srdf` where these can really meet"
-    return [f"{words}, and {len(hidden)} more; {remedy}", *(f"left out: {each}" for each in hidden)]
-
-
-def _add_collision_pairs(
-    geometry: pin.GeometryModel,
-    geometry_links: tuple[str, ...],
-    allowed: frozenset[pairs.Pair],
-) -> None:
-    """Pairs of objects on links that can move against each other and are not allowed to touch."""
-    # Shapes on two joints, but for pairs that are allowed.
-    joints = [thing.parentJoint for thing in geometry.geometryObjects]
-    meet = np.zeros((len(joints), len(joints)), dtype=np.bool_)
-    for i, j in itertools.combinations(range(len(joints)), 2):
-        meet[i, j] = (
-            joints[i] != joints[j]
-            and pairs.sorted_pair(geometry_links[i], geometry_links[j]) not in allowed
-        )
-    # All at once: added one by one, each is compared with all before it.
-    geometry.setCollisionPairs(meet)

@@ -19,7 +19,6 @@ import pinocchio as pin
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.description import MAX_TEXT
 from placement_planner_ros.share import PACKAGE, share_path
 
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
@@ -195,9 +194,6 @@ def description_text(parameter: str, value: str, files: Files) -> tuple[str, Pat
         return _expanded_xml(parameter, value, "the text"), None
     try:
         path = files.find(value, trusted=True)
-        # before it is read; a character has four bytes at most
-        if path.stat().st_size > 4 * MAX_TEXT:
-            raise OSError(f"it is longer than {MAX_TEXT} characters")
         return _expanded_xml(parameter, path.read_text(encoding="utf-8"), str(path)), path
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(parameter, value, f"give XML text, a path or a URI: {error}") from error

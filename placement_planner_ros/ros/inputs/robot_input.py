@@ -252,13 +252,14 @@ def _arm(robot: Robot, name: str, tip: str, parts: tuple[tuple[Any, ...], ...]) 
 
 def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
     """What was derived or assumed for an arm of these parameters."""
-    return _announced(robot, arm, not parameters[f"{arm.name}.joints"])
+    chosen = parameters.planner_settings.timing.chosen
+    return _announced(robot, arm, not parameters[f"{arm.name}.joints"], not chosen)
 
 
 @weak_lru_cache("robot", maxsize=16)
-def _announced(robot: Robot, arm: Arm, derived: bool) -> Announcement:
+def _announced(robot: Robot, arm: Arm, derived: bool, accelerations: bool) -> Announcement:
     """Kept from start to start."""
-    return announce_arm(robot, arm, derived=derived)
+    return announce_arm(robot, arm, derived=derived, accelerations=accelerations)
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:

@@ -189,13 +189,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     )
     # limits, self-collision, the clouds and the tilt, of each arm and grasp
     at_start = faults_at_start(robot, arms, q, body, rules)
-    of_arms = [
-        note
-        for arm in arms
-        for note in announced(robot, parameters, arm).notes(
-            accelerations=not settings.timing.chosen
-        )
-    ]
+    of_arms = [note for arm in arms for note in announced(robot, parameters, arm).notes]
     return [
         *body.warnings,
         *snapshot.notes,

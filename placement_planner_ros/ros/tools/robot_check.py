@@ -16,14 +16,12 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-import coal
 import numpy as np
 
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import ParameterError, listed
-from placement_planner_ros.core.robot.allowed_pairs import srdf_line
+from placement_planner_ros.core.robot.allowed_pairs import hidden_pairs, srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.overlap import nearest
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.robot_picture import draw_robot
@@ -225,7 +223,7 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
                 2,
             )
         findings.say("rad and m, per s and s²", 2)
-        for words in (told.torso, told.limits(accelerations=not timing.chosen)):
+        for words in (told.torso, told.limits):
             if words:
                 findings.say(words)
         findings.say(f"may touch the object: {', '.join(arm.touch_links) or 'nothing'}")
@@ -242,7 +240,7 @@ def describe_pairs(robot: Robot, findings: Findings) -> None:
     if robot.left_out is None:
         findings.say(f"{len(robot.allowed_pairs)}, as the SRDF says")
         return
-    hidden = [each for each in robot.left_out if each.can_hide]
+    hidden = hidden_pairs(robot.left_out)
     findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours")
     if hidden:
         findings.say(
@@ -250,16 +248,14 @@ def describe_pairs(robot: Robot, findings: Findings) -> None:
             "FILE) says which of them to leave out"
         )
     for each in hidden:
-        findings.say(str(each), 2)
+        findings.say(each, 2)
 
 
 def srdf_of(robot: Robot) -> str:
     """An SRDF that has the same pairs left out."""
-    if robot.left_out is None:
-        lines = [srdf_line(links) for links in sorted(robot.allowed_pairs)]
-    else:
-        lines = [each.srdf for each in robot.left_out]
-    body = "\n".join(f"  {line}" for line in dict.fromkeys(lines))
+    reasons = robot.left_out or {}
+    lines = [srdf_line(pair, reasons.get(pair, "User")) for pair in sorted(robot.allowed_pairs)]
+    body = "\n".join(f"  {line}" for line in lines)
     return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'
 
 
@@ -296,18 +292,15 @@ def hand_distance(snapshot: Snapshot, arm: Arm, grasp: int) -> float:
     robot, body = snapshot.robot, snapshot.body
     q = robot.with_open_hand(snapshot.q_start, arm)
     T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
-    place = coal.Transform3s(T.rotation, T.translation)
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    apart = []
-    for link, shape, at in zip(
-        robot.geometry_links, overlaps.shapes, robot.geometry_poses(q), strict=False
-    ):
-        there = coal.Transform3s(at.rotation, at.translation)
-        # links that may touch the object are those of the hand
-        if link in arm.touch_links:
-            solids = overlaps.shapes[first:]
-            apart += [nearest(solid, place, shape, there).min_distance for solid in solids]
-    return max(float(min(apart, default=0.0)), 0.0)
+    # links that may touch the object are those of the hand
+    apart = [
+        overlaps.distance(i, j, at, T)
+        for i, at in enumerate(robot.geometry_poses(q))
+        if robot.geometry_links[i] in arm.touch_links
+        for j in range(first, len(overlaps.shapes))
+    ]
+    return max(min(apart, default=0.0), 0.0)
 
 
 def check_search(snapshot: Snapshot, findings: Findings) -> None:

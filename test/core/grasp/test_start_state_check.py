@@ -69,9 +69,7 @@ def test_a_robot_that_meets_itself_is_refused_with_the_links(problem):
         q[arm.q_index] = 0.0
     with pytest.raises(StartError, match=r"left: in self-collision: \w+ meets \w+") as caught:
         faults(problem, q=q)
-    met = re.findall(
-        r"(\w+) meets (\w+) at \([^)]+\), their shapes (0\.\d{4}) m", str(caught.value)
-    )
+    met = re.findall(r"(\w+) meets (\w+), their shapes (0\.\d{4}) m", str(caught.value))
     assert met
     for first, second, deep in met:
         line = f'<disable_collisions link1="{first}" link2="{second}" reason="User"/>'

@@ -225,7 +225,7 @@ def test_hand_without_geometry_is_the_last_moving_link():
     [
         ({"tip_frame": "nowhere"}, RobotError, "arm x: tip_frame = 'nowhere'"),
         ({"tip_frame": "base"}, RobotError, "no movable joint leads to base"),
-        ({"joints": ["j1", "fa"]}, RobotError, "'fa': is not on the way"),
+        ({"joints": ["j1", "fa"]}, RobotError, r"on the way to hand.*: \['j1', 'j2'\]"),
         ({"joints": ["j2", "j1"]}, RobotError, r"root to tip: \['j1', 'j2'\]"),
         ({"joints": ["j1", "j1"]}, RobotError, "each once"),
         ({"joints": []}, RobotError, "no movable joint"),
@@ -397,9 +397,9 @@ def test_a_mimicking_joint_may_be_where_its_master_puts_it():
     follower = joint("b", "b", "c", limit=limit, more='<mimic joint="a" multiplier="-1"/>')
     robot = Robot.from_urdf(urdf(link("a"), link("b"), link("c"), joint("a", "a", "b"), follower))
     robot.require_plausible(robot.configuration({"a": 0.9}), ["a", "b"])
-    with pytest.raises(StartError, match=r"a = 1\.9"):
-        robot.require_plausible(robot.configuration({"a": 1.9}), ["a"])
-    robot.require_plausible(robot.configuration({"a": 1.9}), [])
+    with pytest.raises(StartError, match=r"a = 57.*publish rad or m"):
+        robot.require_plausible(robot.configuration({"a": 57.0}), ["a"])
+    robot.require_plausible(robot.configuration({"a": 57.0}), [])
 
 
 def test_what_moves_no_shape_or_is_passive_or_follows_need_not_be_known():

@@ -1,0 +1,98 @@
+"""Text of URDF and SRDF: the tree, and the numbers in it, refused with the place where they are."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.types import Array
+
+
+def read_xml(text: str, field: str) -> ET.Element:
+    """The root of URDF or SRDF text, names as they are written: a prefix need not be bound.
+
+    Raises:
+        RobotError: not XML, or its root is not <robot>.
+    """
+    if not isinstance(text, str):
+        raise RobotError(field, text, "give the text of the file, not its path")
+    # Without namespaces, which need not be bound.
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    try:
+        parser.Parse(text, True)
+        root = builder.close()
+    except (expat.ExpatError, ValueError) as error:  # ValueError: characters that no XML has
+        if not text.strip():
+            raise RobotError(field, text, "is empty; give the text of the file") from error
+        lines, number = text.splitlines(), getattr(error, "lineno", 1)
+        # What ends within an element was cut, or has lost an end tag.
+        cut = number >= len(lines) and "<" in text
+        wrong, whole = ("ends before it is complete", "whole ") if cut else ("is not XML", "")
+        where, line = f"{field}, line {number}", lines[:number][-1].strip()[:60]
+        remedy = f"{wrong} ({error}); give the {whole}text of the file"
+        raise RobotError(where, line, remedy) from error
+    if root.tag != "robot":
+        raise RobotError(field, f"<{root.tag}>", "give a file whose root element is <robot>")
+    return root
+
+
+def name_of(element: ET.Element) -> str:
+    """The name of a link or joint.
+
+    Raises:
+        RobotError: it has none.
+    """
+    name = element.get("name")
+    if not name:
+        raise RobotError("`urdf`", f"<{element.tag}>", "give the element a name")
+    return name
+
+
+def read_number(element: ET.Element | None, attribute: str, default: float, field: str) -> float:
+    """A number, which need not be finite; the default where the element or attribute is missing.
+
+    Raises:
+        RobotError: anything else.
+    """
+    text = None if element is None else element.get(attribute)
+    try:
+        return default if text is None else float(text)
+    except ValueError as error:
+        raise RobotError(f"{field}: {attribute}", text, "give a number") from error
+
+
+def read_floats(text: str, count: int, field: str) -> Array:
+    """`count` finite numbers separated by spaces.
+
+    Raises:
+        RobotError: anything else.
+    """
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.empty(0)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise RobotError(field, text, f"give {count} finite numbers")
+    return values
+
+
+def read_origin(element: ET.Element, field: str) -> pin.SE3:
+    """The <origin> of a joint or collision element, identity where there is none.
+
+    Raises:
+        RobotError: not three finite numbers each for xyz and rpy.
+    """
+    # Nothing said is no offset.
+    origin = element.find("origin")
+    if origin is None:
+        return pin.SE3.Identity()
+    xyz, rpy = (
+        read_floats(origin.get(name, "0 0 0"), 3, f"{field}: origin {name}")
+        for name in ("xyz", "rpy")
+    )
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
