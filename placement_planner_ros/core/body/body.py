@@ -6,32 +6,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import QhullError
 
 from placement_planner_ros.core.body.convex_cover import coarse_cover_in_words, cover_tolerance
-from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part, hull_of
-from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
-from placement_planner_ros.core.body.holes import Holes
-from placement_planner_ros.core.body.mesh import (
-    Triangles,
-    checked_center,
-    checked_mesh,
-    connected_pieces,
+from placement_planner_ros.core.body.convex_part import (
+    ConvexPart,
+    hull_if_convex,
+    polytope_of,
     read_only,
-    volumes_under,
 )
-from placement_planner_ros.core.body.placement_face import (
-    PlacementFace,
-    offered_faces,
-    placement_faces,
-)
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
+from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
+from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
+from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
-
-CENTER_SHARE = 0.02
-"""Share of the object's size by which holes may move its centre of mass for it not to be taken from
-the hull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -82,8 +73,8 @@ class Body:
 
         Each connected piece of the mesh that is convex is taken for its hull; the others are what
         their triangles are, and get a convex cover, which takes some seconds the first time. A
-        piece that is not closed is a sheet without an inside; where its holes could move the centre
-        of mass far, that is the one of the hull of all.
+        piece that is not closed is a sheet without an inside and without mass; where there is no
+        other, the centre of mass is that of the hull of all.
 
         Args:
             vertices: (m, 3).
@@ -100,115 +91,86 @@ class Body:
         settings = settings or BodySettings()
         # The mesh in metres, its hull and its connected pieces.
         points, faces = checked_mesh(vertices, triangles, scale, settings.max_extent)
-        hull = hull_of(points)
-        warnings: list[str] = []
-        pieces = connected_pieces(points, faces)
-        parts = [convex_part(piece.corners, n, warnings) for n, piece in enumerate(pieces)]
-        # Pieces that bound a solid, and sheets, which have no inside.
-        solids, sheets, fault = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))], ""
-        for piece, part in zip(pieces, parts, strict=True):
-            if not piece.closed:
-                fault = fault or "the mesh is not closed"
-            if not piece.closed and part is None:
-                fault = "the mesh is not closed: it counts as a sheet without an inside"
-                sheets.append(piece.corners)
+        components = Components.of(points, faces, weld=False)
+        if not components.closed.all():
+            components = Components.of(points, faces)
+        if len(components.closed) > MAX_PIECES:
+            raise ObjectError(
+                "object",
+                f"{len(components.closed)} pieces",
+                f"an object may have {MAX_PIECES} connected pieces",
+            )
+        try:
+            hull = polytope_of(points)
+        except QhullError as error:
+            raise ObjectError("object", "flat mesh", "give it a thickness") from error
+        # Convex pieces, and all others; those that bound a solid, and sheets, which have no inside.
+        convex: list[ConvexPart] = []
+        others: list[Array] = []
+        within: list[Array] = []
+        open_: list[Array] = []
+        for piece, closed in zip(components.pieces(), components.closed, strict=True):
+            part = hull_if_convex(piece)
+            if part is None:
+                others.append(piece)
+                (within if closed else open_).append(piece)
             else:
-                solids.append(piece.corners if part is None or piece.closed else part.corners)
-        # B_o, and where the mass is.
-        closed, open_ = np.concatenate(solids), np.concatenate(sheets)
-        points_inside = volume_points(closed, open_, hull, settings, warnings)
+                convex.append(part)
+                within.append(piece if closed else part.corners)
+        none = np.zeros((0, 3, 3))
+        solids, sheets = np.concatenate([none, *within]), np.concatenate([none, *open_])
+        fault = "the mesh is not closed: it counts as a sheet without an inside"
+        warnings = [fault] if open_ else []
+        # Where the mass is: of any density it has its centre within the hull.
         if center_of_mass is not None:
             center, whose = checked_center(center_of_mass, scale), "as given"
         else:
-            center, whose = _center_of_mass(closed, open_, len(pieces), hull)
-        if fault:
-            warnings.append(f"{fault}; centre of mass {whose}")
-        # A body of any density has its centre of mass within its hull.
+            center, whose = _center_of_mass(solids, hull, settings)
         outside = float(np.max(hull.normals @ center - hull.offsets))
-        if outside > 1e-6:
+        if outside > ROUNDING_M:
             raise ObjectError(
                 "`center_of_mass`",
                 center.tolist(),
                 f"lies {outside:.4g} m outside the object's hull; give it in the object's frame",
             )
-        # F, and a cover of all pieces that are not convex.
-        found, rolling = offered_faces(
-            placement_faces(points, center, settings), settings, warnings
-        )
-        rest = [piece for piece, part in zip(pieces, parts, strict=True) if part is None]
-        mesh = CoveredMesh.of(rest, cover) if rest else None
+        # F, without those that it could roll from, and a cover of all pieces that are not convex.
+        found = placement_faces(points, center, settings)
+        kept = tuple(face for face in found if settings.allow_rolling or not face.rolls)
+        if not kept:
+            warnings.append("the object has no face to stand on")
+        mesh = CoveredMesh.of(np.concatenate(others), cover) if others else None
         if mesh is not None:
             coarse = coarse_cover_in_words(mesh.cover, cover_tolerance(mesh.vertices))
             warnings.extend([coarse] if coarse else [])
         return cls(
-            solids=tuple(part for part in parts if part is not None),
+            solids=tuple(convex),
             mesh=mesh,
-            faces=found,
-            volume_points=frozen_array(points_inside),
+            faces=kept,
+            volume_points=frozen_array(volume_points(solids, sheets, hull, settings)),
             center_of_mass=frozen_array(center),
             vertices=frozen_array(points),
             triangles=read_only(faces),
             warnings=tuple(warnings),
-            rolling=rolling,
+            rolling=len(found) - len(kept),
             assumed=(
                 _size_in_words(points, scale),
                 f"centre of mass ({', '.join(f'{x:.4f}' for x in np.round(center, 4) + 0.0)}) "
                 f"{whose}",
-                f"{fault or 'closed'}, {_cover_in_words(parts, mesh)}",
-                _rests_in_words(found, rolling),
+                f"{fault if open_ else 'closed'}, {_cover_in_words(components, convex, mesh)}",
+                _rests_in_words(kept, len(found) - len(kept)),
             ),
             flatness=settings.flatness,
         )
 
 
-def _center_of_mass(
-    closed: Array, open_: Array, pieces: int, hull: ConvexPart
-) -> tuple[Array, str]:
-    """(3,) that of uniform density, and what it is taken from, in words.
-
-    What is not closed has no inside, but where its holes are small they hardly matter.
-
-    Args:
-        closed, open_: (s, 3, 3), (t, 3, 3) triangles around solids, outward, and of sheets.
-    """
-    # The triangles of sheets, patched and wound outward, belong to the rest.
-    holes = Holes.of(open_) if len(open_) else None
-    patched = np.concatenate([open_, holes.patches]) if holes else open_
-    if _volume_in(patched) < 0.0:
-        patched = patched[:, ::-1]
-    whole = np.concatenate([closed, patched])
-    # Pieces may overlap, and so may one with itself: what they share counts once.
-    center = center_of_union(whole, hull) if pieces > 1 else _center_in(whole)
-    # Also where it is NaN: what crosses itself may enclose nothing.
-    if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
-        center = center_of_union(whole, hull)
-    if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
-        return _center_in(hull.corners), "of its hull"  # it crosses itself, and cancels out
-    if holes is None:
+def _center_of_mass(solids: Array, hull: ConvexPart, settings: BodySettings) -> tuple[Array, str]:
+    """(3,) that of closed surfaces (s, 3, 3) of uniform density, which may overlap, and what it is
+    taken from, in words: where there are none, or they cancel out, from the hull."""
+    size = 0.5 * settings.voxel_size
+    center = center_of_union(solids, hull, size)
+    if float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:  # not where it is NaN
         return center, "of uniform density"
-    # Where what the holes hide may move it far, the hull is as good a guess.
-    off = holes.moves(center, _volume_in(whole))
-    if off > CENTER_SHARE * float(np.linalg.norm(np.ptp(hull.vertices, axis=0))):
-        return _center_in(hull.corners), "of its hull"
-    return center, (
-        f"of uniform density, with {len(holes.radii)} holes closed: at most {off:.2g} m off where "
-        "nothing bulges out of them by more than half their widths"
-    )
-
-
-def _volume_in(corners: Array) -> float:
-    """m³ that triangles (t, 3, 3) enclose."""
-    return float(volumes_under(corners - corners.mean(axis=(0, 1))).sum()) if len(corners) else 0.0
-
-
-def _center_in(corners: Array) -> Array:
-    """(3,) the centre of what triangles (t, 3, 3) enclose; not finite where that is nothing."""
-    middle = corners.mean(axis=(0, 1))
-    around = corners - middle
-    # Tetrahedra from the middle to each triangle, by their volumes.
-    of_each = volumes_under(around)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(middle + of_each @ around.sum(axis=1) / (4.0 * of_each.sum()))
+    return center_of_union(hull.corners, hull, size), "of its hull"
 
 
 def _size_in_words(points: Array, scale: float) -> str:
@@ -217,9 +179,11 @@ def _size_in_words(points: Array, scale: float) -> str:
     return f"{size} m, {unit}"
 
 
-def _cover_in_words(parts: list[ConvexPart | None], mesh: CoveredMesh | None) -> str:
-    count = sum(part is not None for part in parts) + (0 if mesh is None else len(mesh.parts))
-    words = f"{_in_number(len(parts), 'piece')} in {_in_number(count, 'convex part')}"
+def _cover_in_words(
+    components: Components, convex: list[ConvexPart], mesh: CoveredMesh | None
+) -> str:
+    count = len(convex) + (0 if mesh is None else len(mesh.parts))
+    words = f"{_in_number(len(components.closed), 'piece')} in {_in_number(count, 'convex part')}"
     if mesh is not None:
         reach = "reaches" if count == 1 else "reach"
         words += f" that {reach} up to {mesh.cover.excess:.2g} m beyond it"

@@ -8,19 +8,16 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh_cells import surface_points
-from placement_planner_ros.core.body.placement_face import PlacementFace
-from placement_planner_ros.core.body.stable_poses import ROUNDING_M
+from placement_planner_ros.core.body.mesh_components import ROUNDING_M, equal_rows
+from placement_planner_ros.core.body.placement_face import PlacementFace, outermost_rows
 from placement_planner_ros.core.body.tipping import Index
 from placement_planner_ros.core.types import Array
 
 SPACING_M = 0.005
 """m, what touches has a contact point in each square of this side, or of a larger one ..."""
-MAX_POINTS = 1024
-"""... so that there are no more than so many squares."""
 SPREAD_POINTS = 32
-"""Squares at most that each have one of the spread points."""
-OUTERMOST_DIRECTIONS = 32
-"""Directions in which the outermost contact point is kept."""
+"""... so that there are no more squares than the square of this; so many that each have one of the
+spread points; and directions in which the outermost contact point is kept."""
 
 
 class ContactPoints(NamedTuple):
@@ -51,7 +48,7 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     in_plane = (body.vertices @ T.rotation.T + T.translation)[:, :2]
     return ContactPoints(
         points,
-        _thinned_rows(points, SPACING_M, SPREAD_POINTS),
+        _thinned_rows(points, SPREAD_POINTS),
         _room_around(points, in_plane, flat),
     )
 
@@ -66,16 +63,9 @@ def touching_points(body: Body, face: PlacementFace) -> Array:
     found = found[plane - found @ face.normal <= body.flatness]
     # In the plane, each once, and no more than are needed.
     T = face.T_face_object
-    points = _distinct_rows((found @ T.rotation.T + T.translation)[:, :2])
-    return np.asarray(points[_thinned_rows(points, SPACING_M, MAX_POINTS)])
-
-
-def _distinct_rows(points: Array) -> Array:
-    """The rows of (n, 2) in order, each once: numpy's own takes several times as long."""
-    points = points[np.lexsort((points[:, 1], points[:, 0]))]
-    first = np.ones(len(points), np.bool_)
-    first[1:] = (points[1:] != points[:-1]).any(axis=1)
-    return np.asarray(points[first])
+    points = (found @ T.rotation.T + T.translation)[:, :2]
+    points = points[equal_rows(points)[0]]
+    return np.asarray(points[_thinned_rows(points, SPREAD_POINTS**2)])
 
 
 def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
@@ -87,10 +77,9 @@ def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
     # Edges that only one triangle has are the rim.
-    _, same = np.unique(np.round(corners / ROUNDING_M), axis=0, return_inverse=True)
-    edges = np.sort(same.reshape(-1)[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    first, same = equal_rows(np.round(corners / ROUNDING_M))
+    edges = np.sort(same[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
-    first = np.unique(same, return_index=True)[1]
     # The rim as segments.
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
     along = end - begin
@@ -114,18 +103,16 @@ def _left_of(begin: Array, end: Array, point: Array) -> Array:
     return np.asarray(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
 
 
-def _thinned_rows(points: Array, side: float, most: int) -> Index:
+def _thinned_rows(points: Array, most: int) -> Index:
     """Rows of points (n, 2): the outermost in each of some directions, and one in each square."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
-    # The outermost in each direction.
-    angles = 2.0 * np.pi * np.arange(OUTERMOST_DIRECTIONS) / OUTERMOST_DIRECTIONS
-    outermost = (points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
+    side = SPACING_M
     while True:
         # The first in each square; the squares grow until there are few enough.
         squares = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
         number = squares[:, 0] * (squares[:, 1].max() + 1) + squares[:, 1]
         first = np.unique(number, return_index=True)[1]
         if len(first) <= most:
-            return np.unique(np.concatenate([first, outermost]))
+            return np.unique(np.concatenate([first, outermost_rows(points, SPREAD_POINTS)]))
         side *= max(1.02, np.sqrt(len(first) / most))

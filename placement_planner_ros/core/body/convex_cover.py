@@ -15,23 +15,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
-from placement_planner_ros.core.body.mesh_components import Components, Triangles
-from placement_planner_ros.core.body.polytope import (
-    Polytope,
+from placement_planner_ros.core.body.convex_part import (
+    ConvexPart,
     grown_hull,
     hull_around,
     simpler_hull,
 )
+from placement_planner_ros.core.body.mesh import MAX_PIECES
+from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
+from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
 from placement_planner_ros.core.types import Array, frozen_array
 
 MAX_PARTS = 32
 """Parts that a cover may have."""
-
-MAX_PIECES = 512
-"""Pieces that a mesh is cut into before some are joined again."""
 
 MAX_VERTICES = 128
 """Vertices that a part may have."""
@@ -44,9 +41,6 @@ COVER_TOLERANCE_M = 0.010
 
 SMALL_MESH_M = 0.25
 """m, the diagonal of the box around a small mesh, as of a hand or an object."""
-
-REACH_GROWTH = 1.2
-"""Factor on the reach of parts where there are too many."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,33 +98,21 @@ def convex_cover(
     step()
     # Cut until every piece is near the mesh, then join what stays near it.
     cells = MeshCells(components.corners, tolerance)
-    try:
-        pieces, far = _cut_pieces(components.corners, cells, step)
-        hulls, far = _joined_hulls([piece.hull for piece in pieces], cells, far, step)
-    except QhullError:
-        return hull_cover(vertices, triangles)
+    pieces, far = _cut_pieces(components.corners, cells, step)
+    hulls, far = _joined_hulls([piece.hull for piece in pieces], cells, far, step)
     # Simpler hulls are larger: what is far is judged by what came out.
+    hulls = [_simpler_part(hull, far) for hull in hulls]
     while any(map(far.is_met_by, hulls)):
-        far = cells.far(REACH_GROWTH * far.reach)
+        far = cells.far(far.reach + 2.0 * cells.cell)
     parts = tuple(map(grown_hull, hulls))
     return Cover(parts, far.reach, bool(components.closed.all()))
 
 
 def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
-    """The cover that is there at once: the hull, or the box where that has too many vertices;
-    arguments as of `convex_cover`."""
+    """The cover that is there at once: the hull; arguments as of `convex_cover`."""
     components = Components.of(vertices, triangles)
-    points = components.corners.reshape(-1, 3)
-    try:
-        # The hull with fewer vertices.
-        hull = hull_around(points)
-        part = grown_hull(simpler_hull(hull, 0.0, MAX_VERTICES))
-    except QhullError:
-        part = np.zeros((0, 3))
-    if not 4 <= len(part) <= MAX_VERTICES:
-        # The box, a little larger.
-        low, high = points.min(axis=0) - 1e-5, points.max(axis=0) + 1e-5
-        part = np.array(list(itertools.product(*np.stack([low, high], axis=1))))
+    hull = hull_around(components.corners.reshape(-1, 3))
+    part = grown_hull(simpler_hull(hull, 0.0, MAX_VERTICES))
     # No point of a hull is further from its vertices than half the diagonal of their box.
     excess = 0.5 * float(np.linalg.norm(np.ptp(part, axis=0)))
     return Cover((part,), excess, bool(components.closed.all()))
@@ -150,25 +132,19 @@ class CutPiece:
 
     box: Array
     corners: Array
-    hull: Polytope
+    hull: ConvexPart
 
     def halves(self, cells: MeshCells) -> tuple[CutPiece, ...]:
-        """The piece on both sides of the middle of its longest side; nothing where all is on one.
-
-        Raises:
-            QhullError: rounding leaves one of them no hull.
-        """
-        # Where the longest side of the hull has its middle.
-        low, high = self.hull.vertices.min(axis=0), self.hull.vertices.max(axis=0)
+        """The piece on both sides of its longest side's middle; nothing where all is on one."""
+        # The triangles on both sides of where the longest side of the hull has its middle.
+        low, high = _box_around(self.hull)
         axis = int(np.argmax(high - low))
         middle = 0.5 * (low[axis] + high[axis])
-        plane = np.append(np.eye(3)[axis], -middle)
         halves = []
-        for end, side in ((1, plane), (0, -plane)):
-            # The triangles of each side, and the corners of its box inside the solid.
+        for end, corners in zip((1, 0), cut_triangles(self.corners, axis, middle), strict=True):
+            # With the corners of its box inside the solid.
             box = self.box.copy()
             box[end, axis] = middle
-            corners = clipped_triangles(self.corners, side)
             points = np.concatenate([corners.reshape(-1, 3), self._solid_corners(box, cells)])
             if not len(points):
                 return ()
@@ -179,35 +155,32 @@ class CutPiece:
         """(k, 3) corners of a box within its own that are inside the solid."""
         corners = np.array(list(itertools.product(*box.T)))
         # Cells are taken to be inside where the surface passes them: what the hull lacks is not.
-        planes = self.hull.planes
-        corners = corners[(corners @ planes[:, :3].T + planes[:, 3] <= 1e-9).all(axis=1)]
+        beyond = corners @ self.hull.normals.T - self.hull.offsets
+        corners = corners[(beyond <= ROUNDING_M).all(axis=1)]
         return np.asarray(corners[cells.inside(corners)])
 
 
-def clipped_triangles(corners: Array, plane: Array) -> Array:
-    """(k, 3, 3) what of triangles (t, 3, 3) is where n · x + d <= 0."""
-    # Triangles that are under the plane with all corners stay whole.
-    heights = corners @ plane[:3] + plane[3]
+def cut_triangles(corners: Array, axis: int, at: float) -> tuple[Array, Array]:
+    """(k, 3, 3) what of triangles (t, 3, 3) is below a plane across an axis, and what is above.
+
+    trimesh slices as well, but extrapolates sides that lie almost in the plane.
+    """
+    heights = corners[:, :, axis] - at
     under = heights <= 0.0
     count = under.sum(axis=1)
-    made = [corners[count == 3]]
-    # Of the others a triangle is left, or two.
-    for wanted in (1, 2):
-        chosen = np.flatnonzero(count == wanted)
-        # The corner that is alone on its side comes first.
-        alone = np.argmax(under[chosen] == (wanted == 1), axis=1)
-        order = (alone[:, None] + np.arange(3)) % 3
-        c = corners[chosen[:, None], order]
-        h = heights[chosen[:, None], order]
-        first, second = (
-            c[:, 0] + (h[:, 0] / (h[:, 0] - h[:, k]))[:, None] * (c[:, k] - c[:, 0]) for k in (1, 2)
-        )
-        if wanted == 1:
-            made.append(np.stack([c[:, 0], first, second], axis=1))
-        else:
-            made.append(np.stack([first, c[:, 1], c[:, 2]], axis=1))
-            made.append(np.stack([first, c[:, 2], second], axis=1))
-    return np.concatenate(made)
+    cut = np.flatnonzero((count == 1) | (count == 2))
+    # Of what crosses the plane the corner that is alone on its side comes first.
+    single = count[cut] == 1
+    order = (np.argmax(under[cut] == single[:, None], axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = corners[cut[:, None], order].swapaxes(0, 1)
+    h, hb, hc = heights[cut[:, None], order].T[..., None]
+    # Its tip, and two triangles of the rest.
+    p, q = a + h / (h - hb) * (b - a), a + h / (h - hc) * (c - a)
+    tip = np.stack([a, p, q], axis=1)
+    rest = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
+    tips_below, rest_below = single, np.tile(~single, 2)
+    below = np.concatenate([corners[count == 3], tip[tips_below], rest[rest_below]])
+    return below, np.concatenate([corners[count == 0], tip[~tips_below], rest[~rest_below]])
 
 
 def _cut_pieces(
@@ -215,7 +188,7 @@ def _cut_pieces(
 ) -> tuple[list[CutPiece], FarCells]:
     """Halve a mesh of triangles (t, 3, 3), larger pieces first, until none meets a far cell, and
     what is far: more than the tolerance where it would be too many pieces."""
-    far = cells.far(0.92 * cells.tolerance)  # the rest is for simpler hulls
+    far = cells.far(cells.tolerance)
     around = np.stack([cells.low, cells.high])
     open_ = deque([CutPiece(around, corners, hull_around(corners.reshape(-1, 3)))])
     done: list[CutPiece] = []
@@ -229,14 +202,14 @@ def _cut_pieces(
         few = len(done) + len(open_) + 1 < MAX_PIECES
         halves = piece.halves(cells) if few else ()
         if not halves:
-            far = cells.far(REACH_GROWTH * far.reach)
+            far = cells.far(far.reach + 2.0 * cells.cell)
         open_.extend(halves or [piece])
     return done, far
 
 
 def _joined_hulls(
-    hulls: Sequence[Polytope], cells: MeshCells, far: FarCells, step: Callable[[], None]
-) -> tuple[list[Polytope], FarCells]:
+    hulls: Sequence[ConvexPart], cells: MeshCells, far: FarCells, step: Callable[[], None]
+) -> tuple[list[ConvexPart], FarCells]:
     """As few hulls as joining one pair after the other leaves, the pair with the smallest box
     around it first, and what is far."""
     parts = dict(enumerate(hulls))
@@ -244,22 +217,22 @@ def _joined_hulls(
         # Join; where too many are left, let them reach further.
         _join_pairs(parts, far, step)
         if len(parts) <= MAX_PARTS:
-            return [_simpler_part(part, far) for part in parts.values()], far
-        far = cells.far(REACH_GROWTH * far.reach)
+            return list(parts.values()), far
+        far = cells.far(far.reach + 2.0 * cells.cell)
 
 
-def _simpler_part(hull: Polytope, far: FarCells) -> Polytope:
+def _simpler_part(hull: ConvexPart, far: FarCells) -> ConvexPart:
     """One around it with fewer vertices, that holds no far points either, where there is."""
     if len(hull.vertices) <= PLAIN_VERTICES:
         return hull
-    for share in (0.1, 0.03, 0.01):
-        made = simpler_hull(hull, share * far.reach, MAX_VERTICES)
+    for slack in (far.half, 0.0):
+        made = simpler_hull(hull, slack, MAX_VERTICES)
         if not far.is_met_by(made):
             return made
     return hull if len(hull.vertices) <= MAX_VERTICES else made
 
 
-def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], None]) -> None:
+def _join_pairs(parts: dict[int, ConvexPart], far: FarCells, step: Callable[[], None]) -> None:
     """Join parts as long as no hull of two holds far points."""
     pairs: list[tuple[float, int, int]] = []
     boxes = {n: _box_around(part) for n, part in parts.items()}
@@ -292,12 +265,12 @@ def _join_pairs(parts: dict[int, Polytope], far: FarCells, step: Callable[[], No
             consider(new, [other for other in parts if other != new])
 
 
-def _box_around(hull: Polytope) -> Array:
+def _box_around(hull: ConvexPart) -> Array:
     """(2, 3) metres, its lower and its upper ends."""
     return np.stack([hull.vertices.min(axis=0), hull.vertices.max(axis=0)])
 
 
-def _common_hull(a: Polytope, b: Polytope, far: FarCells) -> Polytope | None:
+def _common_hull(a: ConvexPart, b: ConvexPart, far: FarCells) -> ConvexPart | None:
     """The hull of both; None where it holds far points."""
     some, others = (hull.vertices[:: 1 + len(hull.vertices) // 32] for hull in (a, b))
     if far.hold_one_of(0.5 * (some[:, None] + others).reshape(-1, 3)):  # which is found sooner

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
 
 from placement_planner_ros.core.body.convex_cover import (
     Cover,
     convex_cover,
     cover_tolerance,
 )
-from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
-from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
-from placement_planner_ros.core.body.mesh_components import equal_rows
+from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of, read_only
+from placement_planner_ros.core.body.mesh_components import Triangles, equal_rows
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
@@ -41,10 +38,10 @@ class CoveredMesh:
     parts: tuple[ConvexPart, ...]
 
     @classmethod
-    def of(cls, pieces: Sequence[MeshPiece], make: CoverMaker) -> CoveredMesh:
-        """Of one piece or more."""
+    def of(cls, corners: Array, make: CoverMaker) -> CoveredMesh:
+        """Of their triangles (t, 3, 3)."""
         # Equal vertices of all pieces are one.
-        points = np.concatenate([piece.corners for piece in pieces]).reshape(-1, 3)
+        points = corners.reshape(-1, 3)
         first, kind = equal_rows(points)
         vertices, triangles = points[first], kind.reshape(-1, 3)
         # The cover, and its parts with their planes.

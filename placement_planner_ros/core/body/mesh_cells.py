@@ -14,19 +14,16 @@ import numpy.typing as npt
 from numba import njit
 from scipy import ndimage
 
-from placement_planner_ros.core.body.polytope import Polytope
+from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
 MAX_CELLS = 10_000_000
-"""Cells around a mesh: 0.2 GB."""
+"""Cells around a mesh: 0.2 GB; a tenth as many points of triangles are made at once."""
 
 CELLS_IN_TOLERANCE = 6.0
 """Cells along a tolerance, where `MAX_CELLS` allows it; two thirds of them at the fewest."""
-
-POINTS_AT_ONCE = 1_000_000
-"""Points of triangles that are made at once: 24 MB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,30 +55,29 @@ class FarCells:
         x, y, z = ((points - self.low) / (2.0 * self.half)).astype(np.int64).T
         return bool(self.cells[x, y, z].any())
 
-    def is_met_by(self, hull: Polytope) -> bool:
+    def is_met_by(self, hull: ConvexPart) -> bool:
         """Whether a hull may hold a far point."""
         if (hull.vertices < self.low).any() or (hull.vertices > self.high).any():
             return True
         # Only cells that the hull reaches along x.
         ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
         first, last = np.searchsorted(self.middles[:, 0], ends)
-        return bool(_any_met(self.middles[first:last], hull.planes, self.half))
+        return bool(_any_met(self.middles[first:last], hull.normals, hull.offsets, self.half))
 
 
 @njit(cache=True, nogil=True)
-def _any_met(middles: Array, planes: Array, half: float) -> bool:
-    """Whether there is a cell, by their middles (n, 3) and half sides, that none of some planes
-    (p, 4) has all of on its outer side."""
+def _any_met(middles: Array, normals: Array, offsets: Array, half: float) -> bool:
+    """Whether there is a cell, by their middles (n, 3) and half sides, that none of some planes,
+    normals (p, 3) and offsets (p,), has all of on its outer side."""
     last = 0
     for i in range(len(middles)):
         x, y, z = middles[i]
         met = True
         # The plane that the cell before is outside of comes first, as it mostly is of this one too.
-        for k in range(len(planes)):
-            p = (last + k) % len(planes)
-            n, m, o = planes[p, 0], planes[p, 1], planes[p, 2]
-            beyond = n * x + m * y + o * z + planes[p, 3]
-            if beyond > half * (abs(n) + abs(m) + abs(o)):
+        for k in range(len(normals)):
+            p = (last + k) % len(normals)
+            n, m, o = normals[p]
+            if n * x + m * y + o * z - offsets[p] > half * (abs(n) + abs(m) + abs(o)):
                 met, last = False, p
                 break
         if met:
@@ -93,39 +89,35 @@ class MeshCells:
     """The cells around a mesh, with a bound on how far their points are from it.
 
     Args:
-        corners: (t, 3, 3) metres, its triangles.
-        tolerance: metres that matter.
+        corners: (t, 3, 3) metres, of its triangles.
+        tolerance: metres, how far from the mesh points may be that do not matter.
 
     Attributes:
         tolerance: metres; more than given where that would take too many cells.
+        cell: metres, the side of a cell.
         low, high: (3,) metres, corners of the box of all cells.
     """
 
     def __init__(self, corners: Array, tolerance: float) -> None:
-        # Cells as fine as the tolerance asks, or as there may be.
-        points = corners.reshape(-1, 3)
-        low, size = points.min(axis=0), np.ptp(points, axis=0)
-        cell = tolerance / CELLS_IN_TOLERANCE
-        while (size / cell + 3.0 * CELLS_IN_TOLERANCE).prod() > MAX_CELLS:
-            cell *= 1.05
-            tolerance = max(tolerance, CELLS_IN_TOLERANCE * cell / 1.5)
-        self.tolerance, self._cell = tolerance, cell
-        # A rim of cells around the mesh.
-        beyond = 1.5 * CELLS_IN_TOLERANCE * cell  # the outermost cells are far
-        self.low = low - beyond
-        shape = np.ceil((size + 2.0 * beyond) / cell).astype(int)
-        self.high = self.low + shape * self._cell
-        # A point of the triangles in each cell that has one.
-        sample = np.full((*shape, 3), np.nan, np.float32)
-        for each in surface_points(corners, 0.5 * self._cell):
-            sample[self._cells_of(each)] = each - self.low
-        # How far cells are from it, and which of them the outside leads to.
-        on_surface = ~np.isnan(sample[..., 0])
-        self._distance = _distances_from(sample, on_surface, self._cell)
-        self._outside = _led_to(~on_surface, None)
+        # Cells as fine as the tolerance asks, or as there may be, with a rim of far ones.
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        room = float((high - low + 3.0 * tolerance).prod())
+        self.cell = max(tolerance / CELLS_IN_TOLERANCE, (room / MAX_CELLS) ** (1.0 / 3.0))
+        self.tolerance = max(tolerance, 2.0 / 3.0 * CELLS_IN_TOLERANCE * self.cell)
+        self.low = low - 1.5 * self.tolerance
+        shape = np.ceil((high + 1.5 * self.tolerance - self.low) / self.cell).astype(int)
+        self.high = self.low + shape * self.cell
+        # Those that the surface passes, and those that the outside leads to.
+        free = np.ones(shape, np.bool_)
+        for points in surface_points(corners, 0.5 * self.cell):
+            free[self._cells_of(points)] = False
+        self._outside = _led_to(free, None)
+        # No point of a cell is further from those of another than their middles and a diagonal.
+        apart = ndimage.distance_transform_edt(free, sampling=self.cell)
+        self._distance = (apart + np.sqrt(3.0) * self.cell).astype(np.float32)
 
     def _cells_of(self, points: Array) -> tuple[npt.NDArray[np.int64], ...]:
-        return tuple(((points - self.low) / self._cell).astype(np.int64).T)
+        return tuple(((points - self.low) / self.cell).astype(np.int64).T)
 
     def inside(self, points: Array) -> Mask:
         """(n,) which of points (n, 3) within the mesh's box are in it: nothing but a way through
@@ -137,8 +129,8 @@ class MeshCells:
         # Far cells beside others, by their middles.
         far = _led_to(self._distance > reach, np.ones((3, 3, 3), np.bool_))
         border = far & ndimage.binary_dilation(~far)
-        middles = self.low + (np.argwhere(border) + 0.5) * self._cell
-        return FarCells(middles, 0.5 * self._cell, reach, far, self.low, self.high)
+        middles = self.low + (np.argwhere(border) + 0.5) * self.cell
+        return FarCells(middles, 0.5 * self.cell, reach, far, self.low, self.high)
 
 
 def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:
@@ -151,25 +143,9 @@ def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:
     label, count = ndimage.label(cells, neighbours)
     led = np.zeros(count + 1, np.bool_)
     for axis in range(3):
-        for end in (0, -1):
-            led[np.take(label, end, axis).ravel()] = True
+        led[np.take(label, [0, -1], axis)] = True
     led[0] = False
     return np.asarray(led[label])
-
-
-def _distances_from(sample: npt.NDArray[np.float32], known: Mask, cell: float) -> Array:
-    """Metres that no point of a cell is further than from the nearest cell's sample."""
-    # The sample in the nearest cell that has one, plane by plane.
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    made = np.empty(known.shape, np.float32)
-    y, z = ((np.arange(count) + 0.5) * cell for count in known.shape[1:])
-    for x in range(len(known)):
-        away = sample[tuple(nearest[:, x])]
-        away[..., 0] -= (x + 0.5) * cell
-        away[..., 1] -= y[:, None]
-        away[..., 2] -= z
-        made[x] = np.sqrt(np.einsum("yzk,yzk->yz", away, away))
-    return made + 0.5 * np.sqrt(3.0) * cell + 1e-6
 
 
 def surface_points(corners: Array, spacing: float) -> Iterator[Array]:
@@ -183,6 +159,5 @@ def surface_points(corners: Array, spacing: float) -> Iterator[Array]:
         kept = i + j <= count
         weights = np.stack([i[kept], j[kept], count - i[kept] - j[kept]], axis=1) / count
         rows = corners[counts == count]
-        chunk = max(1, POINTS_AT_ONCE // len(weights))
-        for start in range(0, len(rows), chunk):
-            yield (weights @ rows[start : start + chunk]).reshape(-1, 3)
+        for few in np.array_split(rows, 1 + len(rows) * len(weights) * 10 // MAX_CELLS):
+            yield (weights @ few).reshape(-1, 3)

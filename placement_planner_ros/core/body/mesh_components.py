@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from placement_planner_ros.core.types import Array
 
-WELD_M = 1e-9
-"""m within which vertices are one: rounding."""
+ROUNDING_M = 1e-6
+"""m by which what is the same may differ: vertices this near are one."""
 
 Triangles = npt.NDArray[np.int64]
 Labels = npt.NDArray[np.int64]
@@ -23,19 +23,18 @@ Mask = npt.NDArray[np.bool_]
 class Components:
     """Triangles that share vertices, directly or through others.
 
-    Repetitions are left out. Triangles of a component in which every edge has two are turned to
-    agree, where they do not and can.
+    Triangles that repeat another are left out; of a mesh that has a back
+    to each front, backs are, too. Triangles of open components are turned
+    to agree with their neighbours where they can; closed components face outward.
 
     Attributes:
         corners: (t, 3, 3) metres.
-        rows: (t,) which of the mesh's triangles they are.
         label: (t,) the component of each.
         closed: (k,) of each component whether all its edges have as many triangles one way as the
             other; what has a winding number other than 0 is inside.
     """
 
     corners: Array
-    rows: Labels
     label: Labels
     closed: Mask
 
@@ -44,36 +43,39 @@ class Components:
         """Of vertices (n, 3), in metres, and triangles (t, 3).
 
         Args:
-            weld: whether equal vertices are one.
+            weld: whether equal vertices are one; else solids that only touch stay apart.
         """
-        # Vertices welded, repetitions left out, components told apart.
-        faces, points = triangles, vertices
+        # Equal vertices are one.
+        points, faces = vertices, triangles
         if weld:
-            first, welded = equal_rows((vertices / WELD_M).round())
-            faces, points = welded[triangles], vertices[first]
-        rows = _rows_without_repetitions(faces)
-        faces = faces[rows]
-        label = _component_labels(faces, len(points))
-        count = int(label.max()) + 1 if len(label) else 0
-        # Where edges do not agree, some triangles may be wound the other way.
-        sides = _Sides.of(faces)
-        closed = sides.balanced(label, count)
+            first, kind = equal_rows((vertices / ROUNDING_M).round())
+            points, faces = vertices[first], kind[triangles]
+        # Repetitions are found by the smallest corner first, backs by all corners sorted.
+        turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
+        faces = faces[np.sort(equal_rows(np.take_along_axis(faces, turn, axis=1))[0])]
+        fronts = equal_rows(np.sort(faces, axis=1))[0]
+        if 2 * len(fronts) == len(faces):
+            faces = faces[np.sort(fronts)]
+        # Components, and which of them are closed, once triangles that can agree do.
+        label = connected_labels(faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel(), len(points))
+        _, label = np.unique(label[faces[:, 0]], return_inverse=True)
+        closed = _closed_components(faces, label)
         if not closed.all():
-            turned = sides.that_turn(faces, label, ~closed)
+            turned = _disagreeing_triangles(faces) & ~closed[label]
             faces[turned] = faces[turned][:, [0, 2, 1]]
-            closed = sides.turned(turned).balanced(label, count)
-        return cls(points[faces], rows, label, closed)
+            closed = _closed_components(faces, label)
+        # Closed ones outward.
+        corners = points[faces]
+        volume = np.bincount(label, volumes_under(corners - corners[:1, :1]), len(closed))
+        inward = (closed & (volume < 0.0))[label]
+        corners[inward] = corners[inward][:, ::-1]
+        return cls(corners, label, closed)
 
-
-def _rows_without_repetitions(faces: Triangles) -> Labels:
-    """Rows of the triangles that do not repeat one before them."""
-    # The smallest first, the others in their turn: triangles that face the other way stay.
-    turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(faces, turn, axis=1).T
-    count = int(faces.max(initial=0)) + 1
-    _, both = np.unique(a * count + b, return_inverse=True)  # numbers that their product holds
-    _, first = np.unique(both.reshape(-1) * count + c, return_index=True)
-    return np.sort(first)
+    def pieces(self) -> list[Array]:
+        """Corners (t, 3, 3) of each component."""
+        order = np.argsort(self.label, kind="stable")
+        first = np.searchsorted(self.label[order], np.arange(1, len(self.closed)))
+        return np.split(self.corners[order], first)
 
 
 def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
@@ -97,65 +99,46 @@ def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
     return order[new], kind
 
 
-def _component_labels(faces: Triangles, count: int) -> Labels:
-    # A graph of vertices, with two sides of each triangle.
-    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (count, count))
-    _, of_vertex = connected_components(graph, directed=False)
-    _, label = np.unique(of_vertex[faces[:, 0]], return_inverse=True)
-    return np.asarray(label.reshape(-1), np.int64)
+def connected_labels(ends: Labels, others: Labels, count: int) -> Labels:
+    """(count,) the same number for all nodes that edges between ends and others (e,) connect."""
+    graph = coo_array((np.ones(len(ends), np.int8), (ends, others)), (count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sides:
-    """The sides of triangles.
+def volumes_under(corners: Array) -> Array:
+    """(t,) m³ of tetrahedra from the origin to triangles (t, 3, 3), negative where they face it."""
+    a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    across = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
+    return np.asarray((a[0] * across[0] + a[1] * across[1] + a[2] * across[2]) / 6.0)
 
-    Attributes:
-        edge: (t, 3) the edge that each is.
-        way: (t, 3) 1 or -1, whether it runs that way or the other.
-    """
 
-    edge: Labels
-    way: Labels
+def _edges_of(faces: Triangles) -> tuple[Labels, Labels]:
+    """(3 t,) the edge that each side of triangles (t, 3) is, and 1 or -1, its way along it."""
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    keys = sides.min(axis=1) * (int(faces.max(initial=0)) + 1) + sides.max(axis=1)
+    _, edge = np.unique(keys, return_inverse=True)
+    return edge, np.sign(sides[:, 1] - sides[:, 0])
 
-    @classmethod
-    def of(cls, faces: Triangles) -> _Sides:
-        sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        keys = sides.min(axis=1) * (int(faces.max(initial=0)) + 1) + sides.max(axis=1)
-        _, edge = np.unique(keys, return_inverse=True)
-        way = np.sign(sides[:, 1] - sides[:, 0])
-        return cls(edge.reshape(-1, 3), way.reshape(-1, 3))
 
-    def turned(self, rows: Labels) -> _Sides:
-        """Of the same triangles, of which some are turned over."""
-        edge, way = self.edge.copy(), self.way.copy()
-        edge[rows], way[rows] = edge[rows][:, ::-1], -way[rows][:, ::-1]
-        return _Sides(edge, way)
+def _closed_components(faces: Triangles, label: Labels) -> Mask:
+    """(k,) components whose edges have as many triangles one way as the other."""
+    edge, way = _edges_of(faces)
+    surplus = np.bincount(edge, way)[edge].reshape(-1, 3)
+    closed = np.ones(int(label.max(initial=-1)) + 1, np.bool_)
+    closed[label[surplus.any(axis=1)]] = False
+    return closed
 
-    def balanced(self, label: Labels, count: int) -> Mask:
-        """(k,) components whose edges have as many triangles one way as the other."""
-        closed = np.ones(count, np.bool_)
-        # How many more triangles run along each edge one way.
-        surplus = np.bincount(self.edge.ravel(), self.way.ravel())
-        closed[label[(surplus[self.edge] != 0).any(axis=1)]] = False
-        return closed
 
-    def that_turn(self, faces: Triangles, label: Labels, wanted: Mask) -> Labels:
-        """Rows of the triangles of the wanted components to turn over, so that all agree with their
-        neighbours."""
-        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        rows = np.flatnonzero(wanted[label] & whole)
-        edge, way = self.edge[rows].ravel(), self.way[rows].ravel()
-        # Only where every edge has two triangles is there one way to agree.
-        unclear = np.zeros(len(wanted), np.bool_)
-        unclear[label[rows[np.flatnonzero(np.bincount(edge)[edge] != 2) // 3]]] = True
-        sides = np.flatnonzero(np.repeat(~unclear[label[rows]], 3))
-        first, second = sides[np.argsort(edge[sides], kind="stable")].reshape(-1, 2).T
-        # Each triangle is two nodes, itself and itself turned; those that agree are connected.
-        count = len(rows)
-        differ = np.where(way[first] == way[second], count, 0)
-        ends = np.concatenate([first // 3, first // 3 + count])
-        others = np.concatenate([second // 3 + differ, second // 3 + count - differ])
-        graph = coo_array((np.ones(len(ends), np.int8), (ends, others)), (2 * count, 2 * count))
-        _, side = connected_components(graph, directed=False)
-        return np.asarray(rows[side[:count] > side[count:]])
+def _disagreeing_triangles(faces: Triangles) -> Mask:
+    """(t,) which triangles to turn over, so that all agree with their neighbours across edges of
+    two triangles; none where that cannot be."""
+    edge, way = _edges_of(faces)
+    sides = np.flatnonzero(np.bincount(edge)[edge] == 2)
+    first, second = sides[np.argsort(edge[sides], kind="stable")].reshape(-1, 2).T
+    # Each triangle is two nodes, itself and itself turned; those that agree are connected.
+    count = len(faces)
+    differ = np.where(way[first] == way[second], count, 0)
+    ends = np.concatenate([first // 3, first // 3 + count])
+    others = np.concatenate([second // 3 + differ, second // 3 + count - differ])
+    side = connected_labels(ends, others, 2 * count)
+    return np.asarray(side[:count] > side[count:])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.body.tipping import Index, Tipping
+from placement_planner_ros.core.body.mesh_components import ROUNDING_M
+from placement_planner_ros.core.body.tipping import Tipping
 
 GRAVITY = 9.81
 """m/s²."""
@@ -21,18 +21,13 @@ LEFT_REST_RAD, ROCKING_RAD = 0.35, 0.12
 """Radians: a body that turned by more than the first has left its rest. Half that energy must not
 turn it by more than the second, or it would not stay where it is put."""
 
-ROLLING_RAD, LEVEL_SHARE = 1.05, 0.04
-"""A body rolls where it can turn by more than that, radians, while its height changes by less than
-this share of it: 0.035 is what a prism of 12 sides rises by, 0.042 one of 11."""
+ROLLING_RAD = 1.05
+"""A body rolls where it can turn by more than that, radians, at about the same height; rests of one
+round side are that far apart."""
 
-NOISE_SHARE = 0.1
-"""Share of the height up to which a rise may be taken for noise: cubes rise by 0.41 of it."""
-
-ROUND_SIDE_SPACING_RAD = 0.8
-"""Radians between rests of one round side."""
-
-ROUNDING_M = 1e-6
-"""m by which corners differ, and valleys along a round side are deep, that are no rounding."""
+LEVEL_SHARE = 0.04
+"""Share of its height that is about the same: 0.035 is what a prism of 12 sides rises by, 0.042 one
+of 11."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,78 +53,41 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
     """
     # Valleys deep enough to hold the body, firmly or not.
     bottoms = tipping.valleys(ROUNDING_M)
-    found = [
-        _rest_on(tipping, int(facet), bottoms, flatness)
-        for facet in tipping.valleys(TIPPING_ENERGY / GRAVITY)
-    ]
+    firm: list[int] = []
+    rolling: list[int] = []
+    for facet in tipping.valleys(TIPPING_ENERGY / GRAVITY).tolist():
+        # A push may turn it off the rest, or set it rocking; or it rolls on at about its height to
+        # where it could stay as well. (What topples keeps its height, but stays nowhere.)
+        height, rise = float(tipping.heights[facet]), TIPPING_ENERGY / GRAVITY
+        pushed = tipping.around(facet, -np.inf, height + rise)
+        rocked = tipping.around(facet, -np.inf, height + 0.5 * rise)
+        change = max(flatness, LEVEL_SHARE * height)
+        level = bottoms[tipping.around(facet, height - change, height + change)[bottoms]]
+        if (
+            tipping.turned(facet, pushed) > LEFT_REST_RAD
+            or tipping.turned(facet, rocked) > ROCKING_RAD
+            or tipping.turned(facet, level) > ROLLING_RAD
+        ):
+            rolling += [facet, *level.tolist()]
+        else:
+            firm.append(facet)
     # Firm rests first; of round sides only what is far from these.
-    firm = _spread_rests(tipping, [rest for rest in found if not rest.rolls], merge_angle)
-    round_ = {
-        each.facet: each
-        for rest in found
-        if rest.rolls
-        for each in _rests_of_round_side(tipping, rest, bottoms, flatness)
-    }
-    clear = [rest for rest in round_.values() if _is_apart(tipping, rest, firm, merge_angle)]
-    return tuple(
-        sorted(
-            [*firm, *_spread_rests(tipping, clear, ROUND_SIDE_SPACING_RAD)],
-            key=lambda rest: rest.facet,
-        )
-    )
+    firm = _lowest_apart(tipping, firm, merge_angle)
+    clear = [facet for facet in set(rolling) if _is_apart(tipping, facet, firm, merge_angle)]
+    rolling = _lowest_apart(tipping, clear, ROLLING_RAD)
+    return tuple(StablePose(facet, facet in rolling) for facet in sorted([*firm, *rolling]))
 
 
-def _rest_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
-    height, rise = float(tipping.heights[facet]), TIPPING_ENERGY / GRAVITY
-    # A push may turn it off the rest, or set it rocking.
-    rolls = tipping.turns(facet, height + rise, LEFT_REST_RAD)
-    rolls = rolls or tipping.turns(facet, height + 0.5 * rise, ROCKING_RAD)
-    return StablePose(facet, rolls or _rolls_on(tipping, facet, bottoms, flatness))
-
-
-def _rolls_on(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> bool:
-    """Whether the body could roll on from a facet to others on which it could stay as well.
-
-    What topples over an edge keeps its height for a while, too, but stays nowhere on the way.
-
-    Args:
-        bottoms: facets on which it could stay if nothing moved it.
-    """
-    # Facets on the way at about that height, and how far it turned there.
-    level = tipping.around(facet, *_height_band(float(tipping.heights[facet]), flatness))
-    turned = tipping.normals[bottoms[level[bottoms]]] @ tipping.normals[facet]
-    return bool(turned.min(initial=1.0) < np.cos(ROLLING_RAD))
-
-
-def _height_band(height: float, flatness: float) -> tuple[float, float]:
-    """Lowest and highest of a body that rolls from that height, metres."""
-    change = max(min(flatness, NOISE_SHARE * height), LEVEL_SHARE * height)
-    return height - change, height + change
-
-
-def _rests_of_round_side(
-    tipping: Tipping, rest: StablePose, bottoms: Index, flatness: float
-) -> Iterator[StablePose]:
-    """All rests of the round side that this one is on."""
-    yield rest
-    level = tipping.around(rest.facet, *_height_band(float(tipping.heights[rest.facet]), flatness))
-    for facet in bottoms[level[bottoms]].tolist():
-        yield StablePose(facet, rolls=True)
-
-
-def _spread_rests(tipping: Tipping, given: list[StablePose], apart: float) -> list[StablePose]:
-    """Of rests within that angle of each other, radians, the lowest."""
-    kept: list[StablePose] = []
-    for rest in sorted(given, key=lambda rest: float(tipping.heights[rest.facet])):
-        if _is_apart(tipping, rest, kept, apart):
-            kept.append(rest)
+def _lowest_apart(tipping: Tipping, facets: list[int], angle: float) -> list[int]:
+    """Of facets within that angle of each other, radians, the lowest."""
+    kept: list[int] = []
+    for facet in sorted(facets, key=lambda facet: (tipping.heights[facet], facet)):
+        if _is_apart(tipping, facet, kept, angle):
+            kept.append(facet)
     return kept
 
 
-def _is_apart(tipping: Tipping, rest: StablePose, others: list[StablePose], angle: float) -> bool:
-    """Whether a rest is further than that from all others, radians."""
-    if not others:
-        return True
-    normals = tipping.normals[[other.facet for other in others]]
-    apart = np.linalg.norm(normals - tipping.normals[rest.facet], axis=1).min()
-    return bool(2.0 * np.arcsin(min(0.5 * float(apart), 1.0)) > angle)
+def _is_apart(tipping: Tipping, facet: int, others: list[int], angle: float) -> bool:
+    """Whether a facet is further than that from all others, radians."""
+    cosines = tipping.normals[others] @ tipping.normals[facet]
+    return bool(cosines.max(initial=-1.0) < np.cos(angle))

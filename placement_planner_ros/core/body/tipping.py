@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import ConvexHull
 
+from placement_planner_ros.core.body.mesh_components import connected_labels
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
-
-SAME_PLANE_RAD = 1e-7
-"""Radians within which facets are one plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,10 +96,10 @@ class Tipping:
         found.append(bottom(0))
         return np.sort(np.array(found, dtype=np.int64))
 
-    def turns(self, facet: int, highest: float, angle: float) -> bool:
-        """Whether the body turns by more than that from a facet, radians, without rising higher."""
-        reached = self.around(facet, -np.inf, highest)
-        return bool((self.normals[reached] @ self.normals[facet]).min() < np.cos(angle))
+    def turned(self, facet: int, others: Index | Mask) -> float:
+        """Radians that the body turns by from a facet to the furthest of others."""
+        cosine = (self.normals[others] @ self.normals[facet]).min(initial=1.0)
+        return float(np.arccos(max(cosine, -1.0)))
 
     def around(self, facet: int, lowest: float, highest: float) -> Mask:
         """(f,) facets to which the body gets from this one while its height stays between."""
@@ -109,10 +107,7 @@ class Tipping:
         level = (self.heights >= lowest) & (self.heights <= highest)
         open_ = (self.passes <= highest) & level[:, None] & level[self.beside]
         row, side = np.nonzero(open_)
-        count = len(self.heights)
-        ends = row, self.beside[row, side]
-        ways = coo_array((np.ones(len(row), np.int8), ends), (count, count))
-        _, label = connected_components(ways, directed=False)
+        label = connected_labels(row, self.beside[row, side], len(self.heights))
         return np.asarray(label == label[facet])
 
 
@@ -121,10 +116,8 @@ def _pass_height(normals: Array, heights: Array, other: Index) -> Array:
     # The angle between both sides.
     apart = np.linalg.norm(normals - normals[other], axis=1)
     angle = 2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0))
-    wide = (angle > SAME_PLANE_RAD) & (angle < np.pi - SAME_PLANE_RAD)
     rise = heights[other] - heights * np.cos(angle)
-    rise /= np.where(wide, np.sin(angle), 1.0)
     # The height has its crest between them, or at one of them.
-    top = np.arctan2(rise, heights)
-    crest = wide & (top > 0.0) & (top < angle)
-    return np.where(crest, np.hypot(heights, rise), np.maximum(heights, heights[other]))
+    top = np.arctan2(rise, heights * np.sin(angle))
+    crest = (top > 0.0) & (top < angle)
+    return np.where(crest, heights / np.cos(top), np.maximum(heights, heights[other]))

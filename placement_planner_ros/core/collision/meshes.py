@@ -79,24 +79,19 @@ class MeshTree:
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> MeshTree:
         """Of a mesh: vertices (n, 3) metres, triangles (t, 3)."""
-        # Components, each with its own corners.
+        # Components; the solid is where a closed one, which faces outward, winds about a point.
         made = Components.of(np.asarray(vertices, dtype=np.float64), triangles)
-        corners, label, solid = made.corners.copy(), made.label, made.closed
-        # A closed component is turned outward: then the solid is where any winds about a point.
-        volume = np.bincount(label, np.linalg.det(corners - corners.mean(axis=(0, 1))), len(solid))
-        inward = (volume < 0.0)[label]
-        corners[inward] = corners[inward][:, ::-1]
         # Leaves of a few triangles near each other.
-        order, leaves = tree_order(corners.mean(axis=1), _LEAF_TRIANGLES)
-        corners = corners[order]
-        _, one = np.unique(label[order], return_index=True)
+        order, leaves = tree_order(made.corners.mean(axis=1), _LEAF_TRIANGLES)
+        corners, label = made.corners[order], made.label[order]
+        _, one = np.unique(label, return_index=True)
         # What has two corners at one place bounds nothing; its neighbours meet there.
         point = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
         return cls(
             boxes=frozen_array(_tree_boxes(corners, leaves), (-1, 6)),
             leaves=leaves,
             corners=frozen_array(corners.reshape(-1, 3)),
-            closed=solid[label[order]] & ~point,
+            closed=made.closed[label] & ~point,
             components=frozen_array(corners[one, 0], (-1, 3)),
         )
 

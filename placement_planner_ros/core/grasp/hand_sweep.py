@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.body.convex_cover import MAX_VERTICES, PLAIN_VERTICES
-from placement_planner_ros.core.body.polytope import hull_around, simpler_hull
+from placement_planner_ros.core.body.convex_part import hull_around, simpler_hull
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import LinkCover, convex_shape

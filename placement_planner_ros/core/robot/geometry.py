@@ -328,9 +328,8 @@ def mesh_shape(
     corners = vertices[triangles]
     if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise RobotError(field, name, "has no surface; check its scale")
-    if hull_if_convex(corners) is None:
-        return triangle_geometry(vertices, triangles)
-    return convex_shape(vertices)
+    part = hull_if_convex(corners)
+    return triangle_geometry(vertices, triangles) if part is None else convex_geometry(part)
 
 
 def convex_shape(points: Array) -> coal.Convex:

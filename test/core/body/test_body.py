@@ -130,11 +130,13 @@ def test_a_bin_of_touching_boxes_is_hollow_also_where_they_share_their_corners()
         assert not any((part.normals @ np.zeros(3) <= part.offsets).all() for part in body.parts)
 
 
-def test_a_sheet_among_the_pieces_gets_a_thickness():
+def test_a_sheet_among_the_pieces_weighs_nothing():
     sheet = trimesh.Trimesh([[0.1, 0, 0], [0.2, 0, 0], [0.1, 0.1, 0]], [[0, 1, 2]])
     body = body_of(trimesh.util.concatenate([box(0.1, 0.1, 0.1), sheet]))
-    assert any("no thickness" in warning for warning in body.warnings)
-    assert len(body.parts) == 2
+    assert any("not closed" in warning for warning in body.warnings)
+    assert len(body.solids) == 1
+    assert not body.mesh.cover.closed
+    np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-12)
 
 
 def test_scale_applies_to_mesh_and_center_of_mass():
@@ -206,8 +208,8 @@ def test_vertices_of_no_triangle_are_no_part_of_the_object(odd):
     np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("away", [101.0, 1e15, 1e300])
-def test_a_mesh_far_from_its_origin_is_refused(away):
+@pytest.mark.parametrize("away", [1e15, 1e300])
+def test_a_mesh_that_rounding_flattens_is_refused(away):
     mesh = box(0.1, 0.2, 0.3)
     with pytest.raises(ObjectError):
         Body.from_mesh(np.add(mesh.vertices, [away, 0.0, 0.0]), mesh.faces)
