@@ -1,15 +1,18 @@
-"""A solution as pictures and pages play it: transit, approach, release, retreat."""
+"""A solution as pictures and pages play it: transit, approach, release, retreat.
+
+Joints go straight between the points of a trajectory.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.joint_curve import JointCurve
 
 LinkPoses = Callable[[Mapping[str, float]], Mapping[str, pin.SE3]]
 
@@ -17,6 +20,47 @@ CARRIED = ("transit", "approach")
 """Stages in which the object is in the hand."""
 RELEASE_DURATION = 0.6
 """Seconds that opening the hand is shown for; a real hand has its own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointCurve:
+    """Joint positions over time.
+
+    Attributes:
+        joints: (dof) names.
+        times: (n,) seconds, increasing from 0 on.
+        positions: (n, dof) rad or m.
+    """
+
+    joints: tuple[str, ...]
+    times: Array
+    positions: Array
+
+    @classmethod
+    def of(cls, message: Any) -> JointCurve:
+        """Of a JointTrajectory with points.
+
+        Raises:
+            ValueError: its points do not fit its joints, or are not finite, or not in order.
+        """
+        points, joints = message.points, tuple(message.joint_names)
+        times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+        positions = np.array([p.positions for p in points], dtype=np.float64)
+        if positions.shape != (len(points), len(joints)):
+            raise ValueError(f"its points do not fit its {len(joints)} joints")
+        if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
+            raise ValueError("its points are not finite, or not in order")
+        return cls(joints, times, positions)
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> dict[str, float]:
+        """Position of each joint."""
+        values = (np.interp(time, self.times, column) for column in self.positions.T)
+        return dict(zip(self.joints, map(float, values), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +105,33 @@ class Playback:
     retreat: JointCurve | None
     T_world_placed: pin.SE3
     T_tip_object: pin.SE3 = field(init=False)
+
+    @classmethod
+    def of(
+        cls,
+        solution: Any,
+        link_poses: LinkPoses,
+        tip: str,
+        start: Mapping[str, float],
+        opened: Mapping[str, float],
+        T_world_placed: pin.SE3,
+    ) -> Self:
+        """Of a client's solution, whose trajectory has points.
+
+        Raises:
+            ValueError: see `JointCurve.of`.
+        """
+        retreat = solution.retreat_trajectory
+        return cls(
+            link_poses,
+            tip,
+            start,
+            JointCurve.of(solution.trajectory),
+            solution.approach_start,
+            opened,
+            JointCurve.of(retreat) if retreat is not None and retreat.points else None,
+            T_world_placed,
+        )
 
     def __post_init__(self) -> None:
         end = {**self.start, **self.carry.at(self.carry.duration)}

@@ -189,7 +189,7 @@ def _thing_beside(
 
 
 def _is_held(solid: ConvexPrimitive) -> bool:
-    return solid.thing in OBJECT_NAMES
+    return solid.name.split("/")[0] in OBJECT_NAMES
 
 
 def _with_version(urdf: str, how: str) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,6 @@ _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 _SERVICES = {
     "start_with": SetParametersAtomically,
     "stop_with": SetParametersAtomically,
-    "confirm_placed": Trigger,
     "confirm_placed_with": SetParametersAtomically,
     "remove_placed": SetParametersAtomically,
     "clear_environment": Trigger,
@@ -52,6 +51,7 @@ class Conversation:
         news: told of whatever is heard.
         hearing: what the node publishes.
         withdrawals: how often `withdraw` was called.
+        closed: whether nothing can be asked any more.
     """
 
     def __init__(self, node: Node, planner: str) -> None:
@@ -65,12 +65,11 @@ class Conversation:
             name: node.create_client(kind, f"{planner}/{name}", callback_group=group)
             for name, kind in _SERVICES.items()
         }
-        self._under_way = 0
-        self._closed = False
+        self.closed = False
 
     def close(self) -> None:
         """Neither call nor listen any more."""
-        self._closed = True
+        self.closed = True
         for client in self._clients.values():
             self._node.destroy_client(client)
         self.hearing.close()
@@ -88,20 +87,6 @@ class Conversation:
         """
         if self.withdrawals != withdrawals:
             raise PlacementError(WITHDRAWN, "the client was told to withdraw", run)
-
-    @contextmanager
-    def under_way(self) -> Iterator[None]:
-        """Have `settle` wait for what is done meanwhile."""
-        self._under_way += 1
-        try:
-            yield
-        finally:
-            self._under_way -= 1
-            self.news.tell()
-
-    def settle(self) -> None:
-        """Wait until nothing is under way and the runs that were left are known to be stopped."""
-        self.news.wait_until(lambda: not self._under_way or None, time.monotonic() + ANSWER_WITHIN)
 
     # --- asking
 
@@ -138,7 +123,8 @@ class Conversation:
         Args:
             end: until when the node is waited for where it is not there.
         """
-        self.require_open()
+        if self.closed:
+            raise PlacementError(WITHDRAWN, "this client is closed; make another one")
         # a node that has just been started may offer its services in a moment
         end = time.monotonic() + ANSWER_WITHIN if end is None else end
         if self.news.wait_until(lambda: self.offered(name) or None, end) is None:
@@ -186,13 +172,13 @@ class Conversation:
             self._await_answer(self._send("stop_with", {"run": run}))
 
     def _leave_begun(self, started: Future) -> None:
-        """Stop the run that a start has begun, if it has; once its answer comes, if it does."""
+        """Stop the run that a start has begun, once its answer comes, if it does."""
 
         def stop(started: Future) -> None:
             response = started.result()  # None where it was cancelled
-            if response is not None and (answer := Answer.of(response)).success:
+            if response is not None and (run := Answer.of(response).run):
                 with suppress(*_NOT_SENT):
-                    self._send("stop_with", {"run": answer.run or 0})
+                    self._send("stop_with", {"run": run})
 
         started.add_done_callback(stop)
         self._await_answer(started)
@@ -205,15 +191,6 @@ class Conversation:
         )
 
     # --- what is wrong
-
-    def require_open(self) -> None:
-        """Find out that the client is closed.
-
-        Raises:
-            PlacementError: it is, WITHDRAWN.
-        """
-        if self._closed:
-            raise PlacementError(WITHDRAWN, "this client is closed; make another one")
 
     def no_node(self, name: str, run: int | None = None) -> PlacementError:
         """Nobody offers that service."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import atexit
 import math
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Self
 
 from geometry_msgs.msg import Pose
@@ -33,10 +34,6 @@ the run before ends."""
 GONE_AFTER = 2.0
 """Seconds without the node's services after which it counts as gone."""
 
-KNOWN_WITHIN = 2.0
-"""Seconds that the end of a run waits until the node has held its best solution against the newest
-clouds, which takes it some 0.1 s."""
-
 
 class PlacementClient:
     """Plans placements with the node `placement_planner`, and waits for the results.
@@ -54,7 +51,7 @@ class PlacementClient:
         used = self._own.node if self._own is not None else node
         assert used is not None
         self._talk = Conversation(used, planner)
-        self._closed = False
+        self._placing = threading.RLock()
         if self._own is not None:  # whose thread, spinning as Python ends, would end it by a signal
             atexit.register(self.close)
 
@@ -83,7 +80,7 @@ class PlacementClient:
         Args:
             number: that of an earlier one, counted from 1; it may have come and not be kept.
         """
-        return self.hearing.newest(run) if number is None else self.hearing.solution(run, number)
+        return self.hearing.solution(run, number)
 
     def wait_until_ready(self, seconds: float) -> Status:
         """The node's status, once it could begin a run at once: nothing is compiled or read any
@@ -95,7 +92,6 @@ class PlacementClient:
         talk = self._talk
 
         def ready() -> Status | None:
-            talk.require_open()
             status = self.status
             heard = status is not None and status.ready
             return status if heard and talk.offered("start_with") else None
@@ -147,7 +143,7 @@ class PlacementClient:
         # to the node 0 is no limit
         limit = deadline if math.isfinite(deadline) else 0.0
         given = {"time_limit": limit, **(parameters or {})}
-        with self._talk.under_way():
+        with self._placing:
             while True:
                 run = self._begin(given, end, withdrawals)
                 try:
@@ -206,36 +202,27 @@ class PlacementClient:
             raise PlacementError(code, answer.words, run)
         number = status.solutions
         # Its validity is as of when it is handed out, so that must be known first.
-        end = time.monotonic() + KNOWN_WITHIN
+        end = time.monotonic() + ANSWER_WITHIN
         talk.news.wait_until(lambda: self.hearing.validity(run, number).known or None, end)
         lacking = f"solution {number} of run {run} has not come"
         return talk.hear(lambda: self.hearing.solution(run, number), lacking)
 
-    def confirm_placed(
-        self, solution: Solution | None = None, pose: Pose | Sequence[float] | None = None
-    ) -> int:
-        """The object stands there now: it becomes obstacle and support. The run's number.
+    def confirm_placed(self, solution: Solution, pose: Pose | None = None) -> int:
+        """The object stands there now: it becomes obstacle and support (`~/confirm_placed_with`);
+        the run's number.
 
         Args:
-            solution: which one of the last run was carried out (`~/confirm_placed_with`); without
-                it the best of the last run (`~/confirm_placed`).
-            pose: where the object was measured, in the planning frame: m, or x y z qx qy qz qw.
+            solution: which one of the last run was carried out.
+            pose: where the object was measured, in the planning frame.
 
         Raises:
             PlacementError: it was refused.
-            ValueError: a pose is given, and not of which solution.
         """
-        if solution is None:
-            if pose is not None:
-                raise ValueError("pose: say which solution stands there, too")
-            return self._command("confirm_placed", {}).run or 0
         # with its run, so that no solution of another run with the same number is meant
         given: dict[str, Value] = {"run": solution.run, "solution": solution.number}
-        if isinstance(pose, Pose):
-            p, q = pose.position, pose.orientation
-            pose = [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
         if pose is not None:
-            given["pose"] = [float(number) for number in pose]
+            p, q = pose.position, pose.orientation
+            given["pose"] = [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
         return self._command("confirm_placed_with", given).run or 0
 
     def remove_placed(self, placed: Solution | int) -> None:
@@ -267,12 +254,11 @@ class PlacementClient:
         Python ends, too.
         """
         atexit.unregister(self.close)
-        if self._closed:
+        if self._talk.closed:
             return
-        self._closed = True
         # whoever waits in `place` leaves first, and stops its run
         self.withdraw()
-        self._talk.settle()
+        self._placing.acquire(timeout=ANSWER_WITHIN)
         self._talk.close()
         if self._own is not None:
             self._own.close()
@@ -291,22 +277,20 @@ class PlacementClient:
 
     def _search(self, run: int, end: float, until: Enough | None, withdrawals: int) -> None:
         """Wait until the run has ended, or has found enough, or the time has come."""
-        talk, told, heard_of, gone_since = self._talk, 0, False, math.inf
+        talk, told, gone_since = self._talk, 0, math.inf
         while True:
             # before the look, so that nothing that comes during it is slept over
             count = talk.news.count
             talk.heed(withdrawals, run)
-            best = self.hearing.newest(run)
+            best = self.hearing.solution(run)
             if until is not None and best is not None and best.number > told:
                 told = best.number
                 if until(best):
                     return
+            # the run has ended, or another has begun, which stop will say, or the time is up
             now, status = time.monotonic(), self.status
-            # the run has ended, or the time is up, or the node is gone
-            of_run = status is not None and status.run == run
-            heard_of = heard_of or of_run
-            if status is not None and (status.ended if of_run else heard_of):
-                return  # or the node's last run is another by now, which stop will say
+            if status is not None and (status.run > run or (status.run == run and status.ended)):
+                return
             if now >= end:
                 return
             # the node counts as gone once its services have been missing for a while

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -49,17 +50,14 @@ class Subscriptions:
         self._parts: dict[str, dict[Any, Any]] = {topic: {} for topic in _PARTS}
         self._node = node
 
-        def listen(kind: type, topic: str, take: Callable[[Any], None]) -> Any:
-            return node.create_subscription(
-                kind, f"{planner}/{topic}", take, _EVERY, callback_group=group
-            )
-
-        # a function for each topic, as a variable of the loop would be the last one for all
-        def keep(topic: str) -> Callable[[Any], None]:
-            return lambda message: self._keep(topic, message)
-
-        self._subscriptions = [listen(_PARTS[topic], topic, keep(topic)) for topic in _PARTS]
-        self._subscriptions.append(listen(DiagnosticStatus, "status", self._take_status))
+        takes: dict[str, tuple[type, Callable[[Any], None]]] = {
+            topic: (kind, partial(self._keep, topic)) for topic, kind in _PARTS.items()
+        }
+        takes["status"] = DiagnosticStatus, self._take_status
+        self._subscriptions = [
+            node.create_subscription(kind, f"{planner}/{topic}", take, _EVERY, callback_group=group)
+            for topic, (kind, take) in takes.items()
+        ]
 
     def close(self) -> None:
         """Listen no more."""
@@ -71,17 +69,13 @@ class Subscriptions:
         """The newest; None before the first."""
         return self._status
 
-    def newest(self, run: int) -> Solution | None:
-        """The run's last solution of which all has come; None where there is none."""
+    def solution(self, run: int, number: int | None = None) -> Solution | None:
+        """The run's last solution of which all has come, or the one of that number, where all of it
+        has come and is still kept; None where there is none."""
         with self._lock:
-            numbers = sorted((n for r, n in self._parts["solution"] if r == run), reverse=True)
-            found = (self._solution(run, number) for number in numbers)
-            return next((solution for solution in found if solution is not None), None)
-
-    def solution(self, run: int, number: int) -> Solution | None:
-        """That solution, where all of it has come and is still kept."""
-        with self._lock:
-            return self._solution(run, number)
+            kept = sorted((n for r, n in self._parts["solution"] if r == run), reverse=True)
+            numbers = kept if number is None else [number]
+            return next(filter(None, (self._solution(run, each) for each in numbers)), None)
 
     def validity(self, run: int, number: int) -> Validity:
         """Whether that solution can still be carried out, by the newest status."""

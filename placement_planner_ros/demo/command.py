@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -30,9 +29,9 @@ from placement_planner_ros.demo.processes import (
 )
 from placement_planner_ros.demo.results import (
     leg_of,
-    require_folder,
     write_objective_plot,
     write_pictures,
+    writing_to,
 )
 from placement_planner_ros.demo.search import search, wait_until_ready
 from placement_planner_ros.demo.setting import Setting, bundled, of_file
@@ -41,6 +40,7 @@ from placement_planner_ros.pictures.stage import Leg
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
 from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
 
@@ -70,10 +70,11 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
+    told = "%(default)s; with --tour "
     parser.add_argument(
-        "--scene", choices=BUNDLED_SCENES, help="table; with --tour cabinet_low_clutter"
+        "--scene", choices=BUNDLED_SCENES, default="table", help=f"{told}cabinet_low_clutter"
     )
     parser.add_argument(
         "--tour",
@@ -88,12 +89,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="parameters of your own: another robot with its object, at a table of things "
         "(config/robots has some), or another object for the bundled robot, at --scene",
     )
-    parser.add_argument("--object", choices=BUNDLED_OBJECTS, help="wine_glass; --tour has its own")
+    parser.add_argument(
+        "--object", choices=BUNDLED_OBJECTS, default="wine_glass", help=f"{told}four"
+    )
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument(
-        "--seconds",
-        type=float,
-        help="time to search on after the first placement: 20; with --tour 5 for each object",
+        "--seconds", type=float, default=20.0, help=f"time to search: {told}5 for each object"
     )
     parser.add_argument("--seed", type=int, default=-1, help="of the search; -1: another each time")
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder")
@@ -102,26 +103,19 @@ def _make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="serve a page that shows the search, to be opened in a browser, until Ctrl-C",
     )
-    return parser
-
-
-def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = _make_parser()
     options = parser.parse_args(arguments)
-    if options.tour and (options.params_file or options.object):
-        parser.error("--tour has objects of its own: leave out --params-file and --object")
-    # what is not given
-    usual = ("table", "wine_glass", 20.0)
+    if options.tour and options.params_file:
+        parser.error("--tour has objects of its own: leave out --params-file")
     if options.tour:
-        usual = ("cabinet_low_clutter", THINGS[0], 5.0)
-    for name, value in zip(("scene", "object", "seconds"), usual, strict=True):
-        if getattr(options, name) is None:
-            setattr(options, name, value)
+        parser.set_defaults(scene="cabinet_low_clutter", object=THINGS[0], seconds=5.0)
+        options = parser.parse_args(arguments)
     return options
 
 
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
-    require_folder(options.output)
+    with writing_to(options.output):
+        options.output.mkdir(parents=True, exist_ok=True)
+        (options.output / "node.log").touch()
     line.show("  reading robot and object")
     # the node's file and what it is told besides
     chosen = options.params_file
@@ -137,17 +131,12 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     line.say(f"{setting.title}: {told}")
     with ExitStack() as running:
         # node, scene and page run until the block is left
-        require_node = running.enter_context(node_running(namespace, arguments, log))
-        publisher, publishing = running.enter_context(published(setting))
+        check = running.enter_context(node_running(namespace, arguments, log))
+        publisher = running.enter_context(published(setting))
         address = ""
         if options.view:
             address = running.enter_context(page_served(namespace, options.output / "view.log"))
             line.say(f"look at it in a browser: {address}")
-
-        def check() -> None:
-            require_node()
-            if not publishing.is_alive():
-                raise DemoError("the scene is published no more", "the lines above say why")
 
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
             line.say("the node gets ready; the first time after installation that takes a while")
@@ -164,14 +153,17 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
         # drawing takes the processor; with the page open, the node is left running
         if not address:
             running.close()
-        still, moving = (options.output / name for name in names)
-        written = write_pictures(still, moving, setting, legs, title, line)
-        if not options.tour:
-            plot = options.output / "objective.png"
-            written.append(write_objective_plot(plot, found, options.objective))
+        still, moving, plot = (options.output / name for name in (*names, "objective.png"))
+        with writing_to(options.output):
+            write_pictures(still, moving, setting, legs, title, line)
+            if not options.tour:
+                write_objective_plot(plot, found, options.objective)
         print("look at:")
-        for path, words in [*written, (log, "what the node said")]:
-            print(f"  {path}   {words}")
+        print(f"  {still}   before and after, with the way of the object")
+        print(f"  {moving}   the whole motion, release and retreat included")
+        if not options.tour:
+            print(f"  {plot}   the objective of the best placement over time")
+        print(f"  {log}   what the node said")
         if address:
             print(f"the page is there until Ctrl-C: {address}", flush=True)
             with suppress(KeyboardInterrupt):
@@ -212,17 +204,17 @@ def _begin_ros(namespace: str) -> None:
 
 
 @contextmanager
-def published(setting: Setting) -> Iterator[tuple[Any, threading.Thread]]:
-    """The scene on its topics meanwhile: its node, and the thread that publishes."""
-    scene = setting.publisher()
+def published(setting: Setting) -> Iterator[ScenePublisher]:
+    """The node that publishes the scene, on its topics meanwhile."""
+    scene = ScenePublisher(own=(setting.scene, setting.positions, setting.robot.root_link))
     executor, asked = SingleThreadedExecutor(), threading.Event()
     executor.add_node(scene)
     thread = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
     thread.start()
     try:
-        yield scene, thread
+        yield scene
     finally:
-        # In this order: a node that goes while the executor still waits on it is an error.
+        # in this order: a node that goes while the executor still waits on it is an error
         asked.set()
         thread.join()
         executor.shutdown()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
+import json
 import signal
 import socket
 import subprocess
@@ -15,7 +15,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from placement_planner_ros.__main__ import VIEW_REMEDY
-from placement_planner_ros.view.options import PORT
 
 _HOST = "127.0.0.1"
 _NODE = [sys.executable, "-m", "placement_planner_ros.ros.node"]
@@ -36,7 +35,7 @@ class DemoError(Exception):
 
 def node_arguments(file: Path, parameters: Mapping[str, object]) -> list[str]:
     """The node's arguments, without what only the demonstration needs."""
-    given = [f"{name}:={_plain_value(value)}" for name, value in parameters.items()]
+    given = [f"{name}:={json.dumps(value)}" for name, value in parameters.items()]
     return ["--params-file", str(file), *(word for each in given for word in ("-p", each))]
 
 
@@ -48,9 +47,6 @@ def node_running(namespace: str, arguments: list[str], log: Path) -> Iterator[Ca
         namespace: that it is in.
         arguments: those of `node_arguments`.
         log: file that all it says goes to.
-
-    Raises:
-        DemoError: it cannot be started.
     """
     command = [*_NODE, "--ros-args", "-r", f"__ns:={namespace}", *arguments]
     with _running(command, log) as process:
@@ -80,8 +76,9 @@ def page_served(namespace: str, log: Path) -> Iterator[str]:
     """
     if find_spec("viser") is None:
         raise DemoError("viser is missing, which draws the page", VIEW_REMEDY)
-    # another program may have the usual one
-    port = _free_port()
+    # a port that is free
+    with socket.create_server((_HOST, 0)) as probe:
+        port = int(probe.getsockname()[1])
     command = [sys.executable, "-m", "placement_planner_ros", "placement_view"]
     command += ["--host", _HOST, "--port", str(port), "--ros-args", "-r", f"__ns:={namespace}"]
     with _running(command, log) as process:
@@ -97,30 +94,14 @@ def _serves(port: int) -> bool:
         return probe.connect_ex((_HOST, port)) == 0
 
 
-def _free_port() -> int:
-    """The usual one, or any where that is taken."""
-    for port in (PORT, 0):
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            # a port that was in use until a moment ago counts as free
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((_HOST, port))
-            return int(probe.getsockname()[1])
-    return PORT
-
-
 @contextmanager
 def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A process that writes all it says to the log, and that Ctrl-C in the terminal spares."""
-    try:
-        # in a session of its own Ctrl-C does not reach it
-        with log.open("wb") as stream:
-            process = subprocess.Popen(
-                command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
-            )
-    except OSError as error:
-        raise DemoError(
-            f"{command[0]} cannot be started: {error}", f"run it by hand: {shlex.join(command)}"
-        ) from error
+    # in a session of its own Ctrl-C does not reach it
+    with log.open("wb") as stream:
+        process = subprocess.Popen(
+            command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+        )
     try:
         yield process
     finally:
@@ -132,7 +113,3 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
         finally:  # interrupted once more, too: it must not be left running
             process.kill()
             process.wait()
-
-
-def _plain_value(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -6,14 +6,12 @@ import time
 from collections.abc import Callable
 
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
+from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE
 from placement_planner_ros.demo.processes import DemoError
 from placement_planner_ros.progress import ProgressLine
 
-READY_WITHIN_S, SEEN_WITHIN_S, FIRST_WITHIN_S = 900.0, 60.0, 120.0
-"""Within which the node must be ready, which takes minutes where nothing is compiled; must have
-said something; and must find a first placement."""
-_LOOK_S = 0.2
-"""Between looks."""
+WITHIN_S = 120.0
+"""Within which the node must be heard of, and must find a first placement."""
 _UNSEEN = (
     "nothing is heard of the node though its process runs: look whether the firewall lets UDP pass "
     "on this machine, unset RMW_IMPLEMENTATION, ROS_DISCOVERY_SERVER and "
@@ -32,19 +30,17 @@ def wait_until_ready(
         check: raises where that will never be.
 
     Raises:
-        DemoError: it does not get ready.
+        DemoError: nothing is heard of it.
     """
     began = time.monotonic()
     while True:
         try:
-            planner.wait_until_ready(_LOOK_S)
+            planner.wait_until_ready(1.0)
         except PlacementError as error:
             check()
-            # a node that says nothing and one that is not ready need different remedies
             waited, status = time.monotonic() - began, planner.status
-            if waited > (SEEN_WITHIN_S if status is None else READY_WITHIN_S):
-                remedy = _UNSEEN if status is None else BUSY
-                raise DemoError(f"no ready node after {waited:.0f} s: {error}", remedy) from error
+            if status is None and waited > WITHIN_S:
+                raise DemoError(f"no node after {waited:.0f} s: {error}", _UNSEEN) from error
             doing = "the node starts" if status is None else status.lacking
             line.show(f"  {waited:4.0f} s  {doing}")
         else:
@@ -55,7 +51,8 @@ def wait_until_ready(
 def search(
     planner: PlacementClient, seconds: float, check: Callable[[], None], line: ProgressLine
 ) -> list[Solution]:
-    """Search, and go on for `seconds` from the first placement on; each solution, the best last.
+    """Search for `seconds`, or where nothing is found by then until something is; each solution,
+    the best last.
 
     Args:
         check: raises where the node has died.
@@ -63,70 +60,41 @@ def search(
     Raises:
         DemoError: start was refused, nothing was found, or the node does not answer.
     """
+    found: list[Solution] = []
+
+    def take(solution: Solution) -> None:
+        # the best that is returned is mostly known already
+        if found and found[-1].number >= solution.number:
+            return
+        found.append(solution)
+        line.say(
+            f"  {solution.search_time:6.2f} s   solution {solution.number:>3}   "
+            f"{solution.arm} arm   objective {solution.objective:.4f}"
+        )
+
+    line.say(f"searching for {seconds:g} s")
     try:
-        # without a limit: how long it goes on is decided here, from the first placement on
-        run = planner.start({"time_limit": 0.0}, patience=FIRST_WITHIN_S)
-    except PlacementError as error:
-        check()
-        raise DemoError(f"the node refused to start: {error}", PAGE) from error
-    began, found = time.monotonic(), list[Solution]()
-    # until a first placement, then for so many seconds more
-    end = began + FIRST_WITHIN_S
-    try:
-        while time.monotonic() < end and not _run_ended(planner, run):
-            check()
-            for solution in _new_solutions(planner, run, found):
-                if not found:
-                    end = time.monotonic() + seconds
-                    line.say(
-                        f"the first placement came {solution.search_time:.2f} s after the start; "
-                        f"searching for a better one for {seconds:g} s more"
-                    )
-                _take_solution(found, solution, line)
-            tried = "0" if planner.status is None else planner.status.values.get("samples", "0")
-            waited = time.monotonic() - began
-            line.show(f"  {waited:4.0f} s  searching; {tried} poses tried so far")
-            time.sleep(_LOOK_S)
-        best = planner.stop(run)
+        best = _search(planner, seconds, take)
     except PlacementError as error:
         check()
         # silence is told from a search that found nothing
-        if error.code in ("NO_NODE", "NO_ANSWER"):
-            raise DemoError(f"the node does not answer any more: {error}", BUSY) from error
-        raise DemoError(
-            f"no placement was found in {time.monotonic() - began:.0f} s: {error}",
-            f"the message says what stood in the way; {PAGE}",
-        ) from error
-    # what came between the last look and the stop
-    for solution in [*_new_solutions(planner, run, found), best]:
-        _take_solution(found, solution, line)
-    line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")
+        remedy = BUSY if error.code in (NO_NODE, NO_ANSWER) else PAGE
+        raise DemoError(f"the node gives no placement: {error}", remedy) from error
+    take(best)
+    line.say(best.words)
     return found
 
 
-def _run_ended(planner: PlacementClient, run: int) -> bool:
-    status = planner.status
-    return status is not None and status.run == run and status.ended
+def _search(planner: PlacementClient, seconds: float, take: Callable[[Solution], None]) -> Solution:
+    try:
+        return planner.place(deadline=seconds, until=take)
+    except PlacementError as error:
+        if error.code in (NO_NODE, NO_ANSWER):
+            raise
 
+    def enough(solution: Solution) -> bool:
+        take(solution)
+        return True
 
-def _new_solutions(planner: PlacementClient, run: int, found: list[Solution]) -> list[Solution]:
-    """Solutions that are not in `found`, in order: several may come between two looks."""
-    newest = planner.improvement(run)
-    if newest is None:
-        return []
-    # those before the newest that have come since the last look
-    last = found[-1].number if found else 0
-    between = (planner.improvement(run, number) for number in range(last + 1, newest.number))
-    return [*(each for each in between if each is not None), newest]
-
-
-def _take_solution(found: list[Solution], solution: Solution, line: ProgressLine) -> None:
-    """Keep and print a solution that is news."""
-    # the best that stop returns is mostly known already
-    if found and found[-1].number >= solution.number:
-        return
-    found.append(solution)
-    line.say(
-        f"  {solution.search_time:6.2f} s   solution {solution.number:>3}   "
-        f"{solution.arm} arm   objective {solution.objective:.4f}"
-    )
+    # then the first one will do
+    return planner.place(deadline=WITHIN_S, until=enough)

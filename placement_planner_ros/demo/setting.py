@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -17,7 +14,6 @@ from placement_planner_ros.demo.processes import DemoError
 from placement_planner_ros.ros.tools.findings import Findings
 from placement_planner_ros.ros.tools.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check import read_snapshot
-from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name, table_of_things
 from placement_planner_ros.scenes.yumi import (
@@ -36,22 +32,19 @@ class Setting:
     Attributes:
         title: of pictures and lines.
         scene: with V as the node is told.
-        publisher: makes the node that publishes the scene and the robot's joint states.
-        q_start: (nq,) where the robot stands.
+        positions: joint values by name where the robot stands, rad or m.
         arms: by name.
-        vertices, triangles: (n, 3) and (t, 3) of the object.
+        corners: (t, 3, 3) of the object's triangles.
         file: of parameters, for the node.
         parameters: for the node, besides.
     """
 
     title: str
     scene: Scene
-    publisher: Callable[[], Node]
     robot: Robot
-    q_start: Array
+    positions: Mapping[str, float]
     arms: Mapping[str, Arm]
-    vertices: Array
-    triangles: npt.NDArray[np.int64]
+    corners: Array
     file: Path
     parameters: Mapping[str, object]
 
@@ -66,21 +59,13 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     parameters = _told_parameters(scene)
     # the picture shows V as the node is told
     corners = np.array(parameters["target_volume"])
-    scene = replace(scene, volume=TargetVolume(corners[:3], corners[3:]))
-
-    def publisher() -> Node:
-        given = {"name": scene_name, "object": object_name}
-        return ScenePublisher([Parameter(name, value=value) for name, value in given.items()])
-
     return Setting(
         f"{scene_name}, {object_name}",
-        scene,
-        publisher,
+        replace(scene, volume=TargetVolume(corners[:3], corners[3:])),
         robot,
-        robot.configuration(start_configuration(object_name)),
+        start_configuration(object_name),
         {name: yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()},
-        held.vertices,
-        held.triangles,
+        held.vertices[held.triangles],
         share_path("config", f"{object_name}.yaml"),
         parameters,
     )
@@ -129,12 +114,10 @@ def of_file(file: Path, scene_name: str) -> Setting:
     return Setting(
         f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
         shown,
-        lambda: ScenePublisher(own=(shown, positions, subject.robot.root_link)),
         subject.robot,
-        subject.q_start,
+        positions,
         {arm.name: arm for arm in subject.arms},
-        subject.body.vertices,
-        subject.body.triangles,
+        subject.body.vertices[subject.body.triangles],
         file,
         parameters,
     )

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
+from placement_planner_ros.client.conversation import ANSWER_WITHIN
 from placement_planner_ros.demo.processes import DemoError
 from placement_planner_ros.demo.search import BUSY, PAGE, search, wait_until_ready
 from placement_planner_ros.progress import ProgressLine
@@ -23,8 +24,6 @@ THINGS = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")
 """What is put down, in this order."""
 _UPRIGHT = ("toy_table", "wine_glass")
 """Those that people would not put on their heads."""
-_TOLD_WITHIN_S = 10.0
-"""Within which the node must have taken its parameters."""
 
 
 @dataclass(slots=True, eq=False)
@@ -71,7 +70,7 @@ class Tour:
         # answered in the thread that publishes the scene
         parameters = AsyncParameterClient(self.publisher, "placement_planner")
         told = parameters.set_parameters_atomically(_parameters(held))
-        end = time.monotonic() + _TOLD_WITHIN_S
+        end = time.monotonic() + ANSWER_WITHIN
         while not told.done():
             self.check()
             if time.monotonic() > end:

@@ -14,11 +14,6 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.primitives import COPLANAR_M, ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
 
-_OUTWARD = 1e-5
-"""Metres a surface point is moved outwards to see whether another solid is pressed against it."""
-_NEAREST_M = 1e-3
-"""From the eye, at which a camera begins to see."""
-
 
 def complete_cloud(
     scene: Scene,
@@ -51,7 +46,7 @@ def complete_cloud(
             if bounds is not None:
                 points = points[((points >= bounds[0]) & (points <= bounds[1])).all(axis=1)]
             # a point of the surface is outside of all others once moved outwards
-            moved = points + _OUTWARD * part.normals[face]
+            moved = points + 2.0 * COPLANAR_M * part.normals[face]
             covered = np.zeros(len(points), dtype=bool)
             for other in others:
                 covered |= other.depth(moved) > COPLANAR_M
@@ -68,7 +63,7 @@ def _are_near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
         a.vertices.min(axis=0) - b.vertices.max(axis=0),
         b.vertices.min(axis=0) - a.vertices.max(axis=0),
     )
-    return bool(gap.max() <= 2 * _OUTWARD)
+    return bool(gap.max() <= 2.0 * COPLANAR_M)
 
 
 def _interval_count(length: float, spacing: float) -> int:
@@ -249,7 +244,7 @@ def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: A
     with np.errstate(divide="ignore", invalid="ignore"):
         crossed = offsets / along
     # a ray is inside from the last plane that it enters through to the first that it leaves by
-    enter = np.where(along < 0.0, crossed, _NEAREST_M).max(axis=-1)
+    enter = np.where(along < 0.0, crossed, 0.0).max(axis=-1)
     leave = np.where(along < 0.0, np.inf, crossed).min(axis=-1)
     seen = (enter < leave) & (enter < depth[window])
     depth[window][seen] = enter[seen]
@@ -259,7 +254,7 @@ def _window(corners: Array, camera: DepthCamera) -> tuple[slice, slice]:
     """Rows and columns in which a solid with such corners (n, 3), in the camera frame, can be."""
     size = np.array([camera.width, camera.height])
     # what reaches behind the camera may be anywhere in the image
-    if (corners[:, 2] < _NEAREST_M).any():
+    if (corners[:, 2] <= 0.0).any():
         return slice(0, camera.height), slice(0, camera.width)
     pixels = corners[:, :2] / corners[:, 2:] * camera.focal_length + (size - 1) / 2
     low = np.clip(np.floor(pixels.min(axis=0)), 0, size).astype(int)

@@ -62,11 +62,6 @@ class ConvexPrimitive:
         object.__setattr__(self, "normals", frozen_array(np.array(planes)[:, :3]))
         object.__setattr__(self, "offsets", frozen_array(-np.array(planes)[:, 3]))
 
-    @property
-    def thing(self) -> str:
-        """The thing this piece belongs to: the name up to the first slash."""
-        return self.name.split("/")[0]
-
     def polygon(self, face: int) -> Array:
         """(k, 3) corners of one flat face, counter-clockwise seen from outside."""
         normal = self.normals[face]

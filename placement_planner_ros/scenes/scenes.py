@@ -61,11 +61,6 @@ class Scene:
     volume: TargetVolume
     parts: tuple[ConvexPrimitive, ...]
 
-    @property
-    def things(self) -> tuple[str, ...]:
-        """Names of the things in the scene, each once (a bowl's pieces are one thing)."""
-        return tuple(dict.fromkeys(part.thing for part in self.parts))
-
 
 def _target_volume(*corners: float) -> TargetVolume:
     return TargetVolume(np.array(corners[:3]), np.array(corners[3:]))

@@ -24,34 +24,13 @@ GRIPPER_JOINTS: Mapping[str, str] = MappingProxyType(
 GRIPPER_OPEN = 0.025
 """m, travel of one finger from closed to open; the opening is twice that."""
 
-GRIPPER_HOLDING = 0.02
-"""m, travel of one finger in the configurations below: an opening of 40 mm."""
-
-_ARM_JOINTS = (1, 2, 7, 3, 4, 5, 6)
-
-
-def _joint_values(left: Iterable[float], right: Iterable[float]) -> Mapping[str, float]:
-    # joint numbers as ABB counts them along the arm
-    values = {"gripper_l_joint": GRIPPER_HOLDING, "gripper_r_joint": GRIPPER_HOLDING}
-    for side, angles in (("l", left), ("r", right)):
-        values |= {
-            f"yumi_joint_{n}_{side}": float(angle)
-            for n, angle in zip(_ARM_JOINTS, angles, strict=True)
-        }
-    return MappingProxyType(values)
-
-
-HOME = _joint_values(
-    left=(0.0, -2.268928, 2.356194, 0.523599, 0.0, 0.698132, 0.0),
-    right=(0.0, -2.268928, -2.356194, 0.523599, 0.0, 0.698132, 0.0),
+START_CONFIGURATION: Mapping[str, float] = MappingProxyType(
+    dict.fromkeys((f"yumi_joint_{n}_{side}" for side in "lr" for n in range(1, 8)), 0.0)
+    | {"yumi_joint_1_l": -0.93, "yumi_joint_2_l": -1.55}
+    | {"yumi_joint_1_r": 0.69, "yumi_joint_2_r": -1.95}
+    | dict.fromkeys(GRIPPER_JOINTS.values(), 0.02)
 )
-"""ABB's home position: 0, -130, ±135, 30, 0, 40, 0 degrees. Joint name -> rad or m."""
-
-START_CONFIGURATION = _joint_values(
-    left=(-0.93, -1.55, 0.0, 0.0, 0.0, 0.0, 0.0),
-    right=(0.69, -1.95, 0.0, 0.0, 0.0, 0.0, 0.0),
-)
-"""Where the paper's experiments start. Joint name -> rad or m."""
+"""Where the paper's experiments start, the fingers 40 mm apart. Joint name -> rad or m."""
 
 
 def start_configuration(held: str | GraspedObject, arm: str | None = None) -> dict[str, float]:

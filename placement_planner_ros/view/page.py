@@ -13,7 +13,6 @@ import viser
 from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.playback import CARRIED, Playback
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
@@ -98,7 +97,7 @@ class Page:
     def _remember(self) -> None:
         heard = self._listener.hearing
         if heard.status is not None:
-            self.record.take_status(heard.status, heard.newest, self._listener.positions)
+            self.record.take_status(heard.status, heard.solution, self._listener.positions)
 
     def _hear(self) -> None:
         markers, occupancy = self._listener.markers, self._listener.occupancy
@@ -137,17 +136,15 @@ class Page:
 
     def _playback_of(self, improvement: Improvement) -> Playback | None:
         solution, tip = improvement.solution, self._world.tip(improvement.solution.arm)
-        robot, retreat = self._world.robot, solution.retreat_trajectory
+        robot = self._world.robot
         if robot is None or not robot.has_link(tip) or not solution.trajectory.points:
             return None
-        return Playback(
+        return Playback.of(
+            solution,
             self._world.link_poses,
             tip,
             improvement.positions,
-            JointCurve.of(solution.trajectory),
-            solution.approach_start,
             self._world.opened(solution.arm),
-            JointCurve.of(retreat) if retreat is not None and retreat.points else None,
             pose_of(solution.pose.pose),
         )
 

@@ -449,7 +449,7 @@ class Watcher(Node):
 
     def _look(self):
         for run in list(self._runs)[-2:]:
-            newest = self._hearing.newest(int(run))
+            newest = self._hearing.solution(int(run))
             for number in range(1, 1 + (0 if newest is None else newest.number)):
                 solution = self._hearing.solution(int(run), number)
                 if solution is not None and f"{run}/{number}" not in self.checks:

@@ -17,12 +17,9 @@ import placement_planner_ros
 from placement_planner_ros.client import PlacementError
 from placement_planner_ros.demo import command, processes, search
 from placement_planner_ros.demo.processes import DemoError, node_running
-from placement_planner_ros.demo.results import require_folder
 from placement_planner_ros.demo.setting import bundled, of_file
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION
-
-RUN = 17
 
 
 def alive():
@@ -30,89 +27,49 @@ def alive():
 
 
 class Planner:
-    """A client whose run finds something after so many looks."""
+    """A client whose run finds some solutions in time, or only the first, or none."""
 
-    def __init__(self, clock, first_after=None, ends_after=None, refusal=None, count=1):
-        self.count = count
-        self.clock, self.first_after, self.ends_after = clock, first_after, ends_after
-        self.refusal = refusal
-        self.stopped_at = None
-        self.began = None
+    def __init__(self, found=0, late=False, refusal=None):
+        self.found, self.late, self.refusal = found, late, refusal
+        self.deadlines = []
 
-    def start(self, parameters, patience):
+    def place(self, deadline, until):
+        self.deadlines.append(deadline)
         if self.refusal is not None:
             raise self.refusal
-        self.began = self.clock.now
-        return RUN
-
-    @property
-    def status(self):
-        ended = self.ends_after is not None and self.clock.now - self.began >= self.ends_after
-        return SimpleNamespace(run=RUN, ended=ended, values={"samples": "1200"})
-
-    def improvement(self, run, number=None):
-        if self.first_after is None or self.clock.now - self.began < self.first_after:
-            return None
-        number = number or self.count
-        return SimpleNamespace(
-            number=number,
-            search_time=self.first_after + 0.01 * (number - 1),
-            arm="left",
-            objective=0.25,
-            words="at 0 0 0",
-        )
-
-    def stop(self, run):
-        self.stopped_at = self.clock.now - self.began
-        found = self.improvement(run)
-        if found is None:
-            raise PlacementError("NO_SOLUTION", "in 12 samples no placement was found", run)
-        return found
+        if not self.found or (self.late and len(self.deadlines) == 1):
+            raise PlacementError("NO_SOLUTION", "in 12 samples no placement was found", 17)
+        for number in range(1, self.found + 1):
+            solution = SimpleNamespace(
+                number=number, search_time=0.5, arm="left", objective=0.25, words="at 0 0 0"
+            )
+            if until(solution):
+                break
+        return solution
 
 
-class Clock:
-    """Time that passes only while somebody sleeps."""
-
-    def __init__(self):
-        self.now = 1000.0
-
-    def monotonic(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    made = Clock()
-    monkeypatch.setattr(search, "time", made)
-    return made
-
-
-def test_seconds_count_from_the_first_placement_on(clock, capsys):
-    planner = Planner(clock, first_after=50.0)
+def test_each_solution_is_told_and_the_best_is_last(capsys):
+    planner = Planner(found=3)
     found = search.search(planner, 10.0, alive, ProgressLine())
-    assert planner.stopped_at == pytest.approx(60.0, abs=1.0)
+    assert [solution.number for solution in found] == [1, 2, 3]
+    assert planner.deadlines == [10.0]
+    assert capsys.readouterr().out.count("objective 0.2500") == 3
+
+
+def test_where_nothing_is_found_in_time_the_first_will_do():
+    planner = Planner(found=3, late=True)
+    found = search.search(planner, 10.0, alive, ProgressLine())
     assert [solution.number for solution in found] == [1]
-    said = capsys.readouterr().out
-    assert "the first placement came 50.00 s after the start" in said
-    assert "objective 0.2500" in said
+    assert planner.deadlines == [10.0, search.WITHIN_S]
 
 
-def test_nothing_found_says_how_long_and_why(clock):
-    planner = Planner(clock)
-    with pytest.raises(
-        DemoError, match=r"(?s)no placement was found in 12\d s.*in 12 samples.*try"
-    ):
+@pytest.mark.parametrize(
+    ("code", "remedy"), [("BAD_VOLUME", "troubleshooting"), ("NO_NODE", "busy")]
+)
+def test_why_there_is_no_placement_is_in_the_nodes_words(code, remedy):
+    planner = Planner(refusal=PlacementError(code, "target_volume: lower above upper"))
+    with pytest.raises(DemoError, match=rf"(?s){code}: target_volume: lower.*{remedy}"):
         search.search(planner, 10.0, alive, ProgressLine())
-    assert planner.stopped_at == pytest.approx(search.FIRST_WITHIN_S, abs=1.0)
-
-
-def test_a_refused_start_says_the_nodes_words(clock):
-    refusal = PlacementError("BAD_VOLUME", "target_volume: lower above upper")
-    with pytest.raises(DemoError, match=r"(?s)refused.*BAD_VOLUME: target_volume: lower.*troubles"):
-        search.search(Planner(clock, refusal=refusal), 10.0, alive, ProgressLine())
 
 
 @pytest.mark.parametrize(
@@ -138,11 +95,11 @@ def watched_until_it_ends(log):
 
 def test_a_folder_that_cannot_be_written_is_named_before_anything_else(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    folder = tmp_path / "file" / "folder"
-    with pytest.raises(DemoError, match=r"(?s)nothing can be written.*--output"):
-        require_folder(folder)
-    assert command.main(["--output", str(folder)]) == 1
-    assert "what to try" in capsys.readouterr().err
+    assert command.main(["--output", str(tmp_path / "file" / "folder")]) == 1
+    said = capsys.readouterr()
+    assert "nothing can be written" in said.err
+    assert "--output" in said.err
+    assert said.out == ""
 
 
 def own_box(tmp_path, more=""):
@@ -160,9 +117,8 @@ def test_an_object_of_ones_own_goes_to_the_bundled_scene(tmp_path):
     setting = of_file(own_box(tmp_path), "table")
     assert setting.scene.name == "table"
     assert setting.parameters == bundled("table", "wine_glass").parameters
-    np.testing.assert_allclose(np.ptp(setting.vertices, axis=0), (0.03, 0.05, 0.1))
-    usual = setting.robot.configuration(START_CONFIGURATION)
-    np.testing.assert_allclose(setting.q_start, usual)
+    np.testing.assert_allclose(np.ptp(setting.corners, axis=(0, 1)), (0.03, 0.05, 0.1))
+    assert {name: setting.positions[name] for name in START_CONFIGURATION} == START_CONFIGURATION
 
 
 # --- the real one
@@ -185,7 +141,7 @@ def test_the_demonstration_leaves_pictures_and_says_which(tmp_path):
     process = demo(tmp_path, "--seconds", "1", "--seed", "1")
     out, err = process.communicate(timeout=900.0)
     assert process.returncode == 0, out + err
-    assert "the first placement came" in out
+    assert "solution   1" in out
     assert "edge_margin" in out
     for name in ("placement.png", "motion.gif", "objective.png", "node.log"):
         assert f"demo_output/{name}" in out

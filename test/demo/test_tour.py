@@ -76,8 +76,7 @@ def test_a_placement_that_does_not_hold_any_more_is_not_confirmed(node):
     assert node.confirmed == []
 
 
-@pytest.mark.parametrize("more", [["--object", "wine_glass"], ["--params-file", "x"]])
-def test_what_does_not_go_together_is_refused(more, capsys):
+def test_what_does_not_go_together_is_refused(capsys):
     with pytest.raises(SystemExit):
-        command.main(["--tour", *more])
+        command.main(["--tour", "--params-file", "x"])
     assert "--tour" in capsys.readouterr().err

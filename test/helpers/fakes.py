@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from helpers.home import HOME
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
@@ -28,7 +29,6 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.preparation import Prepared
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import HOME
 
 FRAME = "yumi_body"
 COMPILED = 1800.0

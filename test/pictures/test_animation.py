@@ -7,11 +7,10 @@ import pytest
 from PIL import Image
 
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.pictures import animation
 from placement_planner_ros.pictures.shapes import PLACED
 from placement_planner_ros.pictures.stage import SIZE, Leg, Stage
-from placement_planner_ros.playback import Playback
+from placement_planner_ros.playback import JointCurve, Playback
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import Scene

@@ -12,13 +12,14 @@ import pinocchio as pin
 import pytest
 import rclpy
 from helpers.fakes import FRAME, Bench
+from helpers.home import HOME
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import HOME, TIP_FRAMES, load_yumi
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi
 
 SAMPLES = 3000
 """After which a search that finds nothing is given up."""

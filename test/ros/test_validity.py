@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Point
 from helpers.fakes import FRAME, TABLE, started, values_of
+from helpers.home import HOME
 from rclpy.parameter import Parameter
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
@@ -14,7 +15,6 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run import watch
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import HOME
 
 
 def placed(bench, retreats=False, **parameters):

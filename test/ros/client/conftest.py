@@ -12,7 +12,6 @@ def patient(monkeypatch):
     """A client that waits for answers however slow the machine is."""
     for module in (conversation, placement_client):
         monkeypatch.setattr(module, "ANSWER_WITHIN", 120.0)
-    monkeypatch.setattr(placement_client, "KNOWN_WITHIN", 120.0)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from helpers.home import HOME
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -23,7 +24,6 @@ from placement_planner_ros.ros.parameters.table import (
     sensor_pose_spec,
 )
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.scenes.yumi import HOME
 
 SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
 LINK, JOINT = "gripper_l_base", "yumi_joint_1_l"

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from helpers.home import HOME
 
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.ros.inputs.joint_states import (
@@ -7,7 +8,7 @@ from placement_planner_ros.ros.inputs.joint_states import (
     JointStates,
     RobotMovingError,
 )
-from placement_planner_ros.scenes.yumi import HOME, load_yumi
+from placement_planner_ros.scenes.yumi import load_yumi
 
 REST_SPEED = 0.02
 

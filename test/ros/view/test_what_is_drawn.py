@@ -9,8 +9,7 @@ import pytest
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.joint_curve import JointCurve
-from placement_planner_ros.playback import Playback
+from placement_planner_ros.playback import JointCurve, Playback
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
