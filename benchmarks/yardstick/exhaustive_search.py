@@ -96,7 +96,7 @@ class RefinedGrid:
         constraints: PoseConstraints,
         objective: Objective,
     ) -> None:
-        self.count = SampleCount()
+        self.count = SampleCount.of_faces(hierarchy.faces)
         self.poses, self.unreached = 0, -math.inf
         self._checker, self._constraints, self._objective = checker, constraints, objective
         body = constraints.problem.body

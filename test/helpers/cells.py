@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, PoseSets, sets_of
+from placement_planner_ros.core.search.cell_layout import CELL, PoseSets
 from placement_planner_ros.core.types import Verdict
 
 
@@ -23,16 +23,15 @@ def cells_across(regions, faces, rng, count, sizes):
         low = np.array(
             [*(low - rng.choice([0.0, 0.1]) * rng.random(2)), rng.uniform(0.0, 2.0 * np.pi)]
         )
-        box = np.column_stack([low, low + np.array([*size, turn])]).ravel()
-        cells.append([number * faces + rng.integers(faces), *box])
-    return PoseSets(regions, rows), np.array(cells)
+        cells.append((number * faces + rng.integers(faces), low, low + np.array([*size, turn])))
+    return PoseSets(regions, rows), np.array(cells, dtype=CELL)
 
 
 def some_pose_stands(poses, sets, cells, times=40):
     """(n,) whether any of that many random poses of each cell is stable."""
     rng = np.random.default_rng(4)
-    at = np.repeat(cells, times, axis=0)
-    places = at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])
-    draws = sets.draws(sets_of(at), places)
+    at = np.repeat(cells, times)
+    places = at["low"] + rng.random((len(at), 3)) * (at["high"] - at["low"])
+    draws = sets.draws(at["set"], places)
     verdicts, _ = poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
     return (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)

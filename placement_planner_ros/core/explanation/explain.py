@@ -5,7 +5,6 @@ All is told from what the search has counted and proven; nothing is tried out fo
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 
 from placement_planner_ros.core.errors import listed
@@ -164,9 +163,8 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
 
 
 def _broken_in_words(search: Search) -> str:
-    """The rules that the poses remembered break, the one that most do first."""
-    poses = search.finder.rejections.against_rules
-    broken = Counter(name for pose in poses for name in search.poses.broken(pose))
+    """The rules that poses broke, the one that most did first."""
+    broken = search.finder.rejections.broken
     return f"broke {', '.join(name for name, _ in broken.most_common()) or 'a rule'}"
 
 

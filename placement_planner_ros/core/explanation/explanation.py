@@ -100,7 +100,7 @@ class Progress:
         rulings: why nothing is left to look at; empty where something is.
     """
 
-    count: SampleCount = field(default_factory=SampleCount)
+    count: SampleCount
     found: int = 0
     iterations: int = 0
     unreached: int = 0

@@ -29,7 +29,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Contact, Verdict
 
-_HAND_SLACK_M = 1e-4
+HAND_SLACK_M = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
 _PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
@@ -137,7 +137,7 @@ class Holding:
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
-        if self.collision.hand_collides(T_world_tip, _HAND_SLACK_M, self._reserve, contact=True):
+        if self.collision.hand_collides(T_world_tip, HAND_SLACK_M, self._reserve, contact=True):
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]

@@ -10,22 +10,17 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.contact_class import ContactClass
-from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.holding import HAND_SLACK_M, Holding
 from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, PoseSets, sets_of
+from placement_planner_ros.core.sample_goals.support_bounds import ROUNDING, SupportBound
+from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
-
-_REACH_SLACK_M = 1e-3
-"""m, more than inverse kinematics leaves open."""
-_ROUNDING = 1e-9
-"""More than arithmetic is off by, in units of ξ."""
 
 
 class _Reach:
@@ -54,7 +49,7 @@ class _Reach:
 
     def out_of_reach(self, placed: PlacedCells) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
-        return np.asarray((self.beyond(placed) > _REACH_SLACK_M).all(axis=1))
+        return np.asarray((self.beyond(placed) > HAND_SLACK_M).all(axis=1))
 
     def beyond(self, placed: PlacedCells) -> Array:
         """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""
@@ -111,20 +106,20 @@ class BranchBounds:
     def _overlap(self) -> OverlapBound:
         return OverlapBound(self._poses)
 
-    def placed(self, cells: Array) -> PlacedCells:
-        """Where cells (n, 7) put the body."""
+    def placed(self, cells: Cells) -> PlacedCells:
+        """Where cells (n,) put the body."""
         return PlacedCells(self._sets, cells)
 
-    def ranges(self, cells: Array) -> PoseRanges:
-        """The poses of cells (n, 7) of features that are turned about a normal."""
+    def ranges(self, cells: Cells) -> PoseRanges:
+        """The poses of cells (n,) of features that are turned about a normal."""
         return self.placed(cells).ranges(self._T_face_object)
 
-    def turned(self, cells: Array) -> Mask:
+    def turned(self, cells: Cells) -> Mask:
         """(n,) cells of such features; of others only reach and support are known."""
-        return np.asarray(self._turning[self._sets.face[sets_of(cells)]])
+        return np.asarray(self._turning[self._sets.face[cells["set"]]])
 
-    def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 7) cells."""
+    def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
+        """(n,) `Ruling` of each of the (n,) cells."""
         turned = self.turned(cells)
         if turned.all():
             return self._rulings_of_faces(cells)
@@ -134,13 +129,13 @@ class BranchBounds:
         # Of the others, what the contacts exclude and what is out of reach.
         others = np.flatnonzero(~turned)
         placed = self.placed(cells[others])
-        low, high = cells[others][:, LOWER], cells[others][:, UPPER]
+        low, high = cells["low"][others], cells["high"][others]
         excluded = self._poses.contacts.excluded(placed.face, placed.height, low, high)
         result[others[excluded]] = Ruling.UNSUPPORTED
         result[others[self._reach.out_of_reach(placed)]] = Ruling.OUT_OF_REACH
         return result
 
-    def _rulings_of_faces(self, cells: Array) -> npt.NDArray[np.int64]:
+    def _rulings_of_faces(self, cells: Cells) -> npt.NDArray[np.int64]:
         placed = self.placed(cells)
         ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
@@ -152,14 +147,14 @@ class BranchBounds:
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result
 
-    def most(self, cells: Array) -> Array:
-        """(n,) what ξ does not exceed at any pose of the (n, 7) cells; inf where nothing is
+    def most(self, cells: Cells) -> Array:
+        """(n,) what ξ does not exceed at any pose of the (n,) cells; inf where nothing is
         known."""
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
-        return self._objective.most_around(self.ranges(cells)) + _ROUNDING
+        return self._objective.most_around(self.ranges(cells)) + ROUNDING
 
-    def beyond_reach(self, cells: Array) -> Array:
-        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 7); 0
+    def beyond_reach(self, cells: Cells) -> Array:
+        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n,); 0
         or less where nothing is known to be lacking."""
         return self._reach.beyond(self.placed(cells))

@@ -84,8 +84,8 @@ class GoalFinder:
         )
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        broken = np.flatnonzero(verdicts == Verdict.BREAKS_RULE)[:1]
-        self.rejections.against_rules.extend(pin.SE3(T[row]) for row in broken)
+        for row in np.flatnonzero(verdicts == Verdict.BREAKS_RULE)[:1]:
+            self.rejections.broken.update(self._poses.broken(pin.SE3(T[row])))
         # ξ of those that pass.
         if len(free):
             values[free] = self._values(T[free], best)
@@ -150,9 +150,8 @@ class GoalFinder:
                     tries[Verdict.FEASIBLE] += 1
                     return goal
                 tries[goal] += 1
-                # Poses that break a rule are kept, to be told of.
                 if goal is Verdict.BREAKS_RULE:
-                    self.rejections.against_rules.append(tried.x)
+                    self.rejections.broken.update(self._poses.broken(tried.x))
                 furthest = max(furthest, goal)
             if should_stop():
                 break

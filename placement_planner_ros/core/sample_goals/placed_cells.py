@@ -5,34 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.objective.objective import PoseRanges
-from placement_planner_ros.core.search.cell_layout import (
-    ANGLE,
-    LOWER,
-    UPPER,
-    PoseSets,
-    sets_of,
-)
+from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.types import Array, upright
 
 
 class PlacedCells:
-    """Where cells (n, 7) put points of the body.
+    """Where cells (n,) put points of the body.
 
     A pose of a cell is T(R_n R_z(θ), c) · fT_o, so a point p of the face frame comes to lie within
     `turn` ‖p_xy‖ + the box of c about its place at the middle of the cell. The turn is about the
     normal of the cell's plane, and c lies in it: upwards they make less than `steep` of that.
     """
 
-    def __init__(self, sets: PoseSets, cells: Array) -> None:
-        of = sets_of(cells)
+    def __init__(self, sets: PoseSets, cells: Cells) -> None:
+        of = cells["set"]
         self.face, self.height, self.slope = sets.face[of], sets.z[of], sets.slope[of]
         # The middle of each cell, and how far its points are from there.
-        self.half = 0.5 * (cells[:, UPPER] - cells[:, LOWER])[:, :2]
-        self.contact = sets.contact_points(of, cells[:, LOWER[:2]] + self.half)
+        half = 0.5 * (cells["high"] - cells["low"])
+        middle = cells["low"] + half
+        self.half, self.half_turn = half[:, :2], np.minimum(half[:, 2], np.pi)
+        self.contact = sets.contact_points(of, middle[:, :2])
         # The object's turn in the middle of the range, on the plane's slope.
-        angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
-        self.half_turn = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos, sin = np.cos(middle[:, 2]), np.sin(middle[:, 2])
         self._turned = np.zeros((len(cells), 3, 3))
         self._turned[:, 0, 0] = self._turned[:, 1, 1] = cos
         self._turned[:, 1, 0], self._turned[:, 0, 1] = sin, -sin

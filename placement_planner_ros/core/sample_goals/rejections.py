@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
+from placement_planner_ros.core.search.cell_layout import MAX_CELLS
 from placement_planner_ros.core.search.sampler import summed_by_name
 from placement_planner_ros.core.types import Verdict
-
-_REMEMBERED_POSES = 32
-"""Poses remembered that broke a rule, the newest."""
-_REMEMBERED_VALUES = 10_000
-"""Values remembered of poses that were not reached, the newest."""
 
 
 class Rejections:
@@ -25,7 +20,7 @@ class Rejections:
         tries: (holdings, |F|, |Verdict|) how many tries of each holding (arm after arm, grasp after
             grasp) to reach a pose on each face ended with each verdict. FEASIBLE are goals. Poses
             that no arm was to reach are not in here.
-        against_rules: poses that broke a rule, the newest.
+        broken: how many poses broke each rule, by the parameter that it is set by; one of a batch.
         missed: ξ of poses better than ξ_best that are free and stand, but were not reached.
     """
 
@@ -33,8 +28,8 @@ class Rejections:
         self.tries: npt.NDArray[np.int64] = np.zeros(
             (holdings, faces, len(Verdict)), dtype=np.int64
         )
-        self.missed: deque[float] = deque(maxlen=_REMEMBERED_VALUES)
-        self.against_rules: deque[pin.SE3] = deque(maxlen=_REMEMBERED_POSES)
+        self.missed: deque[float] = deque(maxlen=MAX_CELLS)
+        self.broken: Counter[str] = Counter()
 
     def by_name(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.int64]]:
         """(|Verdict|,) tries of all holdings that have the same of these names."""

@@ -1,23 +1,23 @@
-"""Cells of the pose sets Ŝ(r, f), as rows of an array: a pose set, and a box of places in it."""
+"""Cells of the pose sets Ŝ(r, f), as records: a pose set, and a box of places in it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.sampler import Draws, Index
 from placement_planner_ros.core.types import Array
 
-SET, X, Y, ANGLE = 0, 1, 3, 5
-CELL_COLUMNS = 7
-"""Pose set, x min and max, y min and max, θ min and max."""
-MAX_CELLS = 100_000
+CELL = np.dtype([("set", np.int64), ("low", np.float64, 3), ("high", np.float64, 3)])
+"""Pose set, and the ends of x, y and θ."""
+Cells = npt.NDArray[np.void]
+"""(n,) of that, or with further fields."""
+MAX_CELLS = 50_000
 """Cells that a search remembers."""
-LOWER, UPPER = [X, Y, ANGLE], [X + 1, Y + 1, ANGLE + 1]
 _PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-PARTS = len(_PARTS)
 
 
 class PoseSets:
@@ -50,15 +50,10 @@ class PoseSets:
         return len(self.face)
 
     @property
-    def cells(self) -> Array:
-        """(k, 7) cells that hold all of each."""
-        return self.cells_between(np.arange(len(self)), self.low, self.high)
-
-    @staticmethod
-    def cells_between(sets: Index, low: Array, high: Array) -> Array:
-        """(n, 7) cells of sets (n,) from corner to corner, (n, 3) each."""
-        cells = np.empty((len(sets), CELL_COLUMNS))
-        cells[:, SET], cells[:, LOWER], cells[:, UPPER] = sets, low, high
+    def cells(self) -> Cells:
+        """(k,) cells that hold all of each."""
+        cells = np.empty(len(self), dtype=CELL)
+        cells["set"], cells["low"], cells["high"] = np.arange(len(self)), self.low, self.high
         return cells
 
     def contact_points(self, sets: Index, xy: Array) -> Array:
@@ -73,37 +68,31 @@ class PoseSets:
         return Draws(any_will_do, any_will_do, self.face[sets], contact, places[:, 2], slope)
 
 
-def sets_of(cells: Array) -> Index:
-    """(n,) the pose sets of cells."""
-    return cells[:, SET].astype(np.int64)
-
-
-def halved_cells(cells: Array) -> Array:
-    """(8 n, 7) the parts of (n, 7) cells, cell by cell: halves of x, y and θ."""
+def halved_cells(cells: Cells) -> Cells:
+    """(8 n,) the parts of (n,) cells, cell by cell: halves of x, y and θ."""
     # Both halves of each side, in all combinations.
-    low = cells[:, LOWER]
-    half = (0.5 * (cells[:, UPPER] - low))[:, None]
-    parts = np.repeat(cells, PARTS, axis=0).reshape(-1, PARTS, CELL_COLUMNS)
-    parts[..., LOWER] = low[:, None] + _PARTS * half
-    parts[..., UPPER] = low[:, None] + (_PARTS + 1) * half
-    return parts.reshape(-1, CELL_COLUMNS)
+    low = cells["low"][:, None]
+    half = 0.5 * (cells["high"][:, None] - low)
+    parts = np.repeat(cells, len(_PARTS))
+    of_each = parts.reshape(-1, len(_PARTS))
+    of_each["low"], of_each["high"] = low + _PARTS * half, low + (_PARTS + 1) * half
+    return parts
 
 
-def bisected_cells(cells: Array, turn_radius: float) -> Array:
-    """(2 n, 7) the halves of (n, 7) cells, cell by cell, across the longest side of each.
+def bisected_cells(cells: Cells, turn_radius: float) -> Cells:
+    """(2 n,) the halves of (n,) cells, cell by cell, across the longest side of each.
 
     Args:
         turn_radius: m that one radian counts as.
     """
     rows = np.arange(len(cells))
-    sides = (cells[:, UPPER] - cells[:, LOWER]) * (1.0, 1.0, turn_radius)
-    low = np.array(LOWER)[sides.argmax(axis=1)]
-    parts = np.repeat(cells, 2, axis=0)
-    middle = 0.5 * (cells[rows, low] + cells[rows, low + 1])
-    parts[2 * rows, low + 1] = parts[2 * rows + 1, low] = middle
+    side = ((cells["high"] - cells["low"]) * (1.0, 1.0, turn_radius)).argmax(axis=1)
+    middle = 0.5 * (cells["low"] + cells["high"])[rows, side]
+    parts = np.repeat(cells, 2)
+    parts["high"][2 * rows, side] = parts["low"][2 * rows + 1, side] = middle
     return parts
 
 
-def contact_areas(cells: Array) -> Array:
+def contact_areas(cells: Cells) -> Array:
     """(n,) m² of the boxes of contact points."""
-    return np.asarray((cells[:, X + 1] - cells[:, X]) * (cells[:, Y + 1] - cells[:, Y]))
+    return np.asarray((cells["high"] - cells["low"])[:, :2].prod(axis=1))

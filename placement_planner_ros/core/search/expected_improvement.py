@@ -9,10 +9,9 @@ there, smoothed over the cells above in the AFR hierarchy.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 
-from placement_planner_ros.core.search.cell_layout import CELL_COLUMNS
+from placement_planner_ros.core.search.cell_layout import CELL, Cells
 from placement_planner_ros.core.search.sampler import Index
 from placement_planner_ros.core.types import Array, Verdict
 
@@ -26,7 +25,7 @@ KINDS[Verdict.COLLIDING], KINDS[Verdict.BREAKS_RULE] = COLLIDING, LACKING
 
 GRADED_CELL = np.dtype(
     [
-        ("cell", np.float64, CELL_COLUMNS),
+        *CELL.descr,
         ("coarse", np.int64),  # number of a coarse cell; -1 of others
         ("node", np.int64),  # whose tries to reach poses its own count to
         ("depth", np.int64),
@@ -37,7 +36,6 @@ GRADED_CELL = np.dtype(
     ]
 )
 """A cell and what is known of it; before its sample, all but its depth of the cell above."""
-GradedCells = npt.NDArray[np.void]
 _NODE = np.dtype([("above", np.int64), ("tries", np.float64), ("reached", np.float64)])
 
 _TRIES = 2.0
@@ -103,7 +101,7 @@ class ImprovementModel:
         node = self._nodes[number]
         node["reached"] = max(node["reached"] - 1.0, 0.0)
 
-    def learn(self, cells: GradedCells, verdicts: Index, values: Array, best: float) -> None:
+    def learn(self, cells: Cells, verdicts: Index, values: Array, best: float) -> None:
         """Learn from the samples of cells (n,), and write into these what is known after them.
 
         Args:
@@ -136,7 +134,7 @@ class ImprovementModel:
         cells["lack"] = np.where(some, -values, 0.0)
         self._lacks, self._lack = self._lacks + int(some.sum()), self._lack - values[some].sum()
 
-    def promise(self, cells: GradedCells, best: float) -> tuple[Array, Array]:
+    def promise(self, cells: Cells, best: float) -> tuple[Array, Array]:
         """(n,) what a sample in a part of each cell is expected to add to ξ_best if what is better
         is reached, and (n,) how often it is tried whether it is.
 
@@ -158,7 +156,7 @@ class ImprovementModel:
             gain *= np.exp(-cells["lack"] * (self._lacks / self._lack))
         return gain, tried
 
-    def _gain(self, cells: GradedCells, depths: Index, best: float) -> tuple[Array, Array]:
+    def _gain(self, cells: Cells, depths: Index, best: float) -> tuple[Array, Array]:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of
         the cell above, and (n,) how often it is free and better."""
         of = depths, cells["kind"]

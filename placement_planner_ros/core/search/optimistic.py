@@ -14,18 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import (
-    LOWER,
-    PARTS,
-    UPPER,
+    MAX_CELLS,
+    Cells,
     contact_areas,
     halved_cells,
-    sets_of,
 )
 from placement_planner_ros.core.search.expected_improvement import (
     GRADED_CELL,
     LACKING,
     NOT_FREE,
-    GradedCells,
     ImprovementModel,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
@@ -42,16 +39,10 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Verdict
 
-_COARSE_CELLS = 4
-"""A region's extent is cut into so many coarse cells along x and y."""
 _AT_ONCE = 12
 """Cells split in a round, so that their parts are checked together."""
-_MOST_CELLS = 30_000
-"""Cells that a search remembers."""
 _TRY_SAMPLES = 10.0
 """Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
-_TAKEN = -1.0
-"""What a cell that was split promises."""
 _PATIENCE = 2000
 """Samples over which a goal may wait for its motion."""
 
@@ -93,15 +84,14 @@ class OptimisticSampler(BatchSampler):
         rng: np.random.Generator,
         bounds: CellBounds | None = None,
     ) -> None:
-        super().__init__(checker, settings)
+        super().__init__(hierarchy.faces, checker, settings)
         self._settings = settings
         self._bounds = bounds if settings.prune else None
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._sets = hierarchy.sets
-        self._steps = np.array(
-            [_COARSE_CELLS, _COARSE_CELLS, hierarchy.settings.angle_intervals**2]
-        )
+        # a coarse cell lies two levels of the hierarchy below its pose set
+        self._steps = np.array([2, 2, hierarchy.settings.angle_intervals]) ** 2
         self._min_area = hierarchy.settings.min_area
         self._model = ImprovementModel(hierarchy.faces)
         # the cells that have not been split, and what each promises; the coarse ones that have
@@ -125,11 +115,10 @@ class OptimisticSampler(BatchSampler):
         if len(parts):
             count = max(1, round(len(parts) * share / (1.0 - share)))
         # A pose in each part, and the coarse cells of uniform ones.
-        low, high = parts["cell"][:, LOWER], parts["cell"][:, UPPER]
-        within = low + self._rng.random((len(low), 3)) * (high - low)
+        within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._graded(count)
         self._drawn = np.concatenate([parts, coarse])
-        return self._sets.draws(sets_of(self._drawn["cell"]), np.concatenate([within, drawn]))
+        return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was."""
@@ -137,12 +126,12 @@ class OptimisticSampler(BatchSampler):
         self._model.learn(cells, verdicts, outcome.values, max(best, self._ranked_for))
         # A cell too small to be split is split nevertheless if what is better there is not reached.
         missed = (verdicts > Verdict.NOT_BETTER) & (verdicts < Verdict.FEASIBLE)
-        self._file(cells[(contact_areas(cells["cell"]) > self._min_area) | missed])
+        self._file(cells[(contact_areas(cells) > self._min_area) | missed])
         for row in np.flatnonzero(verdicts == Verdict.FEASIBLE).tolist():
             node = int(cells["node"][row])
             self._waiting.append((float(outcome.values[row]), self.count.samples, node))
 
-    def _graded(self, count: int) -> tuple[GradedCells, Array]:
+    def _graded(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
         sets, poses = self._uniform.draw(count)
         # The coarse cell that each pose lies in.
@@ -151,7 +140,7 @@ class OptimisticSampler(BatchSampler):
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1).astype(np.int64)
         corner = low + place * size
         cells = np.zeros(count, dtype=GRADED_CELL)
-        cells["cell"] = self._sets.cells_between(sets, corner, low + (place + 1.0) * size)
+        cells["set"], cells["low"], cells["high"] = sets, corner, low + (place + 1.0) * size
         cells["coarse"] = np.ravel_multi_index(
             (sets, *place.T), (max(len(self._sets), 1), *self._steps)
         )
@@ -159,13 +148,12 @@ class OptimisticSampler(BatchSampler):
         cells["value"], cells["scale"] = self._model.mean, -1
         return cells, poses
 
-    def _open_parts(self, best: float) -> GradedCells:
+    def _open_parts(self, best: float) -> Cells:
         """The parts (n,) of the most promising cells that may hold a goal.
 
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
-        parts = np.repeat(self._take(best), PARTS)
-        parts["cell"] = halved_cells(parts["cell"][::PARTS])
+        parts = halved_cells(self._take(best))
         parts["depth"] += 1
         parts["coarse"] = -1
         # Only where the sample was outside, unsupported or in collision.
@@ -173,10 +161,10 @@ class OptimisticSampler(BatchSampler):
         if self._bounds is None or not doubtful.any():
             return parts
         is_open = ~doubtful
-        is_open[doubtful] = self._bounds.rulings(parts["cell"][doubtful]) == Ruling.OPEN
+        is_open[doubtful] = self._bounds.rulings(parts[doubtful]) == Ruling.OPEN
         return np.asarray(parts[is_open])
 
-    def _take(self, best: float) -> GradedCells:
+    def _take(self, best: float) -> Cells:
         """Remove the most promising cells (n,) from those that are filed; each is a node now."""
         best = self._aim(best)
         # Rank anew where the aim has changed, or the samples have doubled.
@@ -185,7 +173,7 @@ class OptimisticSampler(BatchSampler):
             self._model.forget()
         if doubled or best != self._ranked_for:
             self._ranked_for, self._ranked_at = best, self.count.samples
-            self._rank(np.flatnonzero(self._gain > _TAKEN))
+            self._rank(np.flatnonzero(self._gain >= 0.0))
         # What is expected of a sample and the tries that it leads to.
         worth = self._gain * self._model.chances(self._filed["node"])
         worth /= 1.0 + _TRY_SAMPLES * self._tried
@@ -193,7 +181,7 @@ class OptimisticSampler(BatchSampler):
         for row in _largest(worth, 2 * _AT_ONCE).tolist():
             if len(taken) == _AT_ONCE or worth[row] <= 0.0:
                 break
-            self._gain[row] = _TAKEN
+            self._gain[row] = -1.0  # nothing any more
             # A coarse cell is filed as often as it was graded, and split once only.
             coarse = int(self._filed["coarse"][row])
             if coarse >= 0 and self._split[coarse]:
@@ -205,7 +193,7 @@ class OptimisticSampler(BatchSampler):
         cells["node"] = self._model.add_nodes(cells["node"])
         return cells
 
-    def _file(self, cells: GradedCells) -> None:
+    def _file(self, cells: Cells) -> None:
         """Remember cells (n,) with what is known of them; of too many, those that promise most."""
         whole = cells["coarse"] < 0
         cells = cells[whole | ~self._split[cells["coarse"]]]
@@ -213,8 +201,8 @@ class OptimisticSampler(BatchSampler):
         self._filed = np.concatenate([self._filed, cells])
         self._gain = np.concatenate([self._gain, gain])
         self._tried = np.concatenate([self._tried, tried])
-        if len(self._filed) > _MOST_CELLS:
-            self._rank(_largest(self._gain, _MOST_CELLS // 2))
+        if len(self._filed) > MAX_CELLS:
+            self._rank(_largest(self._gain, MAX_CELLS // 2))
 
     def _rank(self, rows: Index) -> None:
         """Keep these of the cells, by what they promise now."""

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
-    ANGLE,
     MAX_CELLS,
+    Cells,
     bisected_cells,
     contact_areas,
 )
@@ -55,11 +55,11 @@ class CellBounds(Protocol):
         """m that one radian counts as."""
         ...
 
-    def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 7) cells; any but OPEN is proven for all its poses."""
+    def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
+        """(n,) `Ruling` of each of the (n,) cells; any but OPEN is proven for all its poses."""
         ...
 
-    def most(self, cells: Array) -> Array:
+    def most(self, cells: Cells) -> Array:
         """(n,) what ξ does not exceed at any pose of the cells."""
         ...
 
@@ -96,7 +96,7 @@ class Remainder:
         self._min_angle = hierarchy.settings.min_angle * (1 + 1e-9)
         self._number = itertools.count()
         # by the bound of ξ, negative, then the latest, which is the deepest
-        self._open: list[tuple[float, int, Array]] = []
+        self._open: list[tuple[float, int, np.void]] = []
         self._found = False  # whether a leaf is known that may hold a goal
         self._judged, self._least = 0, -np.inf
         self.rulings: set[Ruling] = set()
@@ -116,7 +116,7 @@ class Remainder:
                 break
             cells, _ = self._taken_apart()
             # A leaf that is still open may hold a goal.
-            angles = cells[:, ANGLE + 1] - cells[:, ANGLE]
+            angles = (cells["high"] - cells["low"])[:, 2]
             leaves = (contact_areas(cells) <= self._min_area) & (angles <= self._min_angle)
             self._found = bool(leaves.any())
             self._add(cells, np.full(len(cells), np.inf))
@@ -141,8 +141,8 @@ class Remainder:
                 most = np.minimum(most, self._bounds.most(cells))
             self._add(cells[most > least], most[most > least])
 
-    def _taken_apart(self) -> tuple[Array, Array]:
-        """(n, 7) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
+    def _taken_apart(self) -> tuple[Cells, Array]:
+        """(n,) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
         ones."""
         # Halve the first cells; their bounds hold for both parts.
         number = min(_CELLS_AT_ONCE, len(self._open))
@@ -156,7 +156,7 @@ class Remainder:
         is_open = rulings == Ruling.OPEN
         return parts[is_open], most[is_open]
 
-    def _add(self, cells: Array, most: Array) -> None:
+    def _add(self, cells: Cells, most: Array) -> None:
         for cell, bound in zip(cells, most.tolist(), strict=True):
             heapq.heappush(self._open, (-bound, -next(self._number), cell))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -37,7 +37,7 @@ class Draws:
 
     Attributes:
         contact: (n, 3).
-        slope: (n, 2) of the plane through it that the object stands on; level unless given.
+        slope: (n, 2) of the plane through it that the object stands on.
     """
 
     arm: Index
@@ -45,11 +45,7 @@ class Draws:
     face: Index
     contact: Array
     angle: Array
-    slope: Array = field(default_factory=lambda: np.zeros((0, 2)))
-
-    def __post_init__(self) -> None:
-        if len(self.slope) == 0:
-            object.__setattr__(self, "slope", np.zeros((len(self.face), 2)))
+    slope: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,13 +82,21 @@ class SampleCount:
     """Running totals, read by other threads.
 
     Attributes:
-        samples: samples tried.
         by_face: (|F|, |Verdict|) how many of each face ended with each verdict; replaced as a whole
             at every change, so that who reads it sees one moment.
     """
 
-    samples: int = 0
-    by_face: Index = field(default_factory=lambda: np.zeros((1, len(Verdict)), dtype=np.int64))
+    by_face: Index
+
+    @classmethod
+    def of_faces(cls, faces: int) -> SampleCount:
+        """Nothing yet, of so many faces."""
+        return cls(np.zeros((faces, len(Verdict)), dtype=np.int64))
+
+    @property
+    def samples(self) -> int:
+        """Samples tried."""
+        return int(self.by_face.sum())
 
     @property
     def verdicts(self) -> dict[Verdict, int]:
@@ -103,23 +107,17 @@ class SampleCount:
         """(|Verdict|,) of all features that have the same of these names."""
         return summed_by_name(groups, self.by_face)
 
-    def add(self, verdicts: npt.ArrayLike, faces: npt.ArrayLike = 0) -> None:
-        """Count samples with these verdicts, of these faces."""
-        # Count by face and verdict in one go.
-        cells = np.atleast_1d(np.multiply(faces, len(Verdict)) + verdicts)
-        counts = np.bincount(cells.astype(np.int64, copy=False), minlength=self.by_face.size)
-        if len(counts) > self.by_face.size:  # a face that was not seen before
-            more = -(-len(counts) // len(Verdict)) - len(self.by_face)
-            self.by_face = np.pad(self.by_face, ((0, more), (0, 0)))
-            counts = np.pad(counts, (0, self.by_face.size - len(counts)))
-        self.by_face = self.by_face + counts.reshape(self.by_face.shape)
-        self.samples += len(cells)
+    def add(self, verdicts: Index, faces: Index) -> None:
+        """Count samples (n,) with these verdicts, of these faces."""
+        counts = self.by_face.copy()
+        np.add.at(counts, (faces, verdicts), 1)
+        self.by_face = counts
 
 
 def summed_by_name(names: Sequence[str], counts: Index) -> dict[str, Index]:
-    """The sum of those rows of counts (n, k) that have the same name; names may be more."""
+    """The sum of those rows of counts (n, k) that have the same name."""
     totals: dict[str, Index] = {}
-    for name, row in zip(names, counts, strict=False):
+    for name, row in zip(names, counts, strict=True):
         totals[name] = totals.get(name, np.zeros_like(row)) + row
     return totals
 
@@ -138,11 +136,12 @@ class BatchSampler(ABC):
     """Algorithm 2 around a way to choose where to sample next.
 
     Args:
+        faces: |F|.
         checker: checks samples.
     """
 
-    def __init__(self, checker: GoalChecker, settings: SamplerSettings) -> None:
-        self.count = SampleCount()
+    def __init__(self, faces: int, checker: GoalChecker, settings: SamplerSettings) -> None:
+        self.count = SampleCount.of_faces(faces)
         self._checker = checker
         self._budget = settings
 

@@ -1,27 +1,20 @@
-"""Monte-Carlo tree over any `Hierarchy`: UCB1 with child addition (Algorithm 3).
+"""Monte-Carlo tree over the AFR hierarchy: UCB1 with child addition (Algorithm 3).
 
-The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
-flat arrays, so that one descent is one compiled call.
+Its numbers v(n), r(n) and its links live in flat arrays, so that one descent is one compiled call.
 """
 
 from __future__ import annotations
-
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
 Links = npt.NDArray[np.int32]
 Counts = npt.NDArray[np.int64]
-
-N = TypeVar("N")
-
-_UNKNOWN = -1
-"""The number of children is not known yet."""
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -42,7 +35,7 @@ def _descend_tree(
 
     Args:
         links: first child and next sibling of each node, -1 without one.
-        children: how many of its children are in the tree, and how many it has.
+        children: how many of its children are in the tree, and how many it has, -1 if not known.
         counts: v and r.
 
     Returns:
@@ -55,7 +48,7 @@ def _descend_tree(
         # A new node is sampled before it is descended, and so is a leaf.
         if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
             return node, depth, False
-        if total[node] == _UNKNOWN or added[node] == 0:
+        if total[node] < 0 or added[node] == 0:
             return node, depth, depth < min_depth or may_add
         # UCB1 of the children in the tree.
         log_visits = np.log(visits[node])
@@ -97,27 +90,7 @@ def _propagate_reward(
         node = parent[node]
 
 
-class Hierarchy(Protocol[N]):
-    """What a tree needs to know of the nodes it searches.
-
-    Attributes:
-        root: the node everything else lies below, at depth 0.
-        MIN_SAMPLE_DEPTH: depth from which nodes can be sampled.
-    """
-
-    root: N
-    MIN_SAMPLE_DEPTH: int
-
-    def child_count(self, node: N) -> int:
-        """|Ch(n)|; 0 for a leaf."""
-        ...
-
-    def child(self, node: N, index: int) -> N:
-        """One of Ch(n), 0 ≤ index < child_count."""
-        ...
-
-
-class SearchTree(Generic[N]):
+class SearchTree:
     """G_s: the part of the hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
 
     Args:
@@ -134,7 +107,7 @@ class SearchTree(Generic[N]):
     """
 
     def __init__(
-        self, hierarchy: Hierarchy[N], exploration: float, max_nodes: int, rng: np.random.Generator
+        self, hierarchy: AfrHierarchy, exploration: float, max_nodes: int, rng: np.random.Generator
     ) -> None:
         self._hierarchy = hierarchy
         self._exploration = exploration
@@ -144,9 +117,9 @@ class SearchTree(Generic[N]):
         # Room for a few more, that are added above where nodes are sampled.
         size = max_nodes + hierarchy.MIN_SAMPLE_DEPTH
         self.parent, self._first_child, self._next_sibling = np.full((3, size), -1, np.int32)
-        self._added, self._total = np.zeros(size, np.int32), np.full(size, _UNKNOWN, np.int32)
+        self._added, self._total = np.zeros(size, np.int32), np.full(size, -1, np.int32)
         self.visits, self.rewards = np.zeros(size, np.int64), np.zeros(size)
-        self.nodes: list[N] = [hierarchy.root]
+        self.nodes: list[AfrNode] = [hierarchy.root]
 
     def select(self) -> int:
         """SelectAfrNode: the node to sample next, by UCB1 from the root on."""
@@ -172,7 +145,7 @@ class SearchTree(Generic[N]):
 
     def is_leaf(self, node: int) -> bool:
         """Whether the hierarchy has no children below this node."""
-        if self._total[node] == _UNKNOWN:
+        if self._total[node] < 0:
             self._total[node] = self._hierarchy.child_count(self.nodes[node])
         return bool(self._total[node] == 0)
 

@@ -97,7 +97,9 @@ def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(tab
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
 
     def told(*rulings):
-        return explain_search(planner._search, Progress(rulings=frozenset(rulings)))
+        return explain_search(
+            planner._search, Progress(planner.statistics.count, rulings=frozenset(rulings))
+        )
 
     reach, support = told(Ruling.OUT_OF_REACH), told(Ruling.UNSUPPORTED)
     both = told(Ruling.UNSUPPORTED, Ruling.OUT_OF_REACH)
@@ -148,8 +150,9 @@ def test_explaining_changes_nothing_in_the_search(table):
 
 
 def test_counts_are_told_as_shares_the_most_frequent_first():
-    count = SampleCount()
-    count.add([Verdict.NO_IK] * 40 + [Verdict.UNSTABLE] * 120 + [Verdict.FEASIBLE] * 40)
+    count, numbers = SampleCount.of_faces(2), [40, 120, 40]
+    verdicts = np.repeat([Verdict.NO_IK, Verdict.UNSTABLE, Verdict.FEASIBLE], numbers)
+    count.add(verdicts, np.arange(200) % 2)
     told = shares_in_words(count.verdicts, "samples")
     assert told.startswith("of 200 samples 60% left the object without support, 20% ")
     assert "20% were placements" in told

@@ -95,7 +95,8 @@ def checked(made):
 
 def rows(draws, first, last=None):
     part = slice(first, last)
-    return Draws(*(getattr(draws, n)[part] for n in ("arm", "grasp", "face", "contact", "angle")))
+    names = "arm", "grasp", "face", "contact", "angle", "slope"
+    return Draws(*(getattr(draws, name)[part] for name in names))
 
 
 def test_goals_are_what_was_drawn(made, checked):

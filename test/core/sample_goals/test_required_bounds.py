@@ -10,13 +10,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.cell_layout import (
-    ANGLE,
-    X,
-    Y,
-    halved_cells,
-    sets_of,
-)
+from placement_planner_ros.core.search.cell_layout import halved_cells
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.core.wishes.settings import WishSettings
@@ -64,9 +58,8 @@ def test_no_pose_of_a_cell_has_more(ground, request):
     close = dict.fromkeys(SLOW, 0)
     for k, cell in enumerate(cells):
         share = rng.choice([0.0, 1.0, 0.5, 0.3], (12, 3))
-        low, high = cell[[X, Y, ANGLE]], cell[[X + 1, Y + 1, ANGLE + 1]]
-        at = low + share * (high - low)
-        draws = search.hierarchy.sets.draws(sets_of(np.tile(cell, (12, 1))), at)
+        at = cell["low"] + share * (cell["high"] - cell["low"])
+        draws = search.hierarchy.sets.draws(np.full(12, cell["set"]), at)
         _, T = search.poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
         for name, term, _ in search.poses.required.terms_asked:
             values = term.values(T)

@@ -11,7 +11,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, bisected_cells, sets_of
+from placement_planner_ros.core.search.cell_layout import bisected_cells
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -43,21 +43,21 @@ def problem(request):
 
 @pytest.fixture(scope="module")
 def cells(problem):
-    """Of every size, and poses of each: (n, 7), (n, 30, 4, 4), and which of them are free."""
+    """Of every size, and poses of each: (n,), (n, 30, 4, 4), and which of them are free."""
     planner, rng = planner_of(problem, OBJECTIVES[0]), np.random.default_rng(2)
     sets = planner._search.hierarchy.sets
     level = sets.cells[rng.permutation(len(sets))[:60]]
     found = [level]
     for _ in range(20):
-        halves = bisected_cells(level, planner._bounds.turn_radius).reshape(len(level), 2, -1)
+        halves = bisected_cells(level, planner._bounds.turn_radius).reshape(-1, 2)
         level = halves[np.arange(len(level)), rng.integers(2, size=len(level))]
         found.append(level)
     cells = np.concatenate(found)
     share = rng.random((len(cells), 30, 3))
     share[:, :10] = share[:, :10].round()
-    low, high = cells[:, None, LOWER], cells[:, None, UPPER]
+    low, high = cells["low"][:, None], cells["high"][:, None]
     places = (low + share * (high - low)).reshape(-1, 3)
-    draws = sets.draws(np.repeat(sets_of(cells), 30), places)
+    draws = sets.draws(np.repeat(cells["set"], 30), places)
     verdicts, T = planner._poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
     return cells, T.reshape(len(cells), 30, 4, 4), verdicts.reshape(len(cells), 30)
 

@@ -11,11 +11,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import (
-    LOWER,
-    UPPER,
-    PoseSets,
-)
+from placement_planner_ros.core.search.cell_layout import CELL, PoseSets
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
 from placement_planner_ros.core.search.uniform import UniformPoses
@@ -54,7 +50,7 @@ def cell_around(face, contact, angle, rng):
     size = rng.choice([0.0, 0.03, 0.3]) * rng.random(2)
     turn = rng.choice([0.0, 0.1, 1.0, 1.0]) * rng.uniform(0.0, 2.0 * np.pi)
     low = np.array([*contact[:2], angle]) - rng.random(3) * [*size, turn]
-    return PoseSets.cells_between(np.array([face]), low[None], low[None] + [*size, turn])[0]
+    return face, low, low + np.array([*size, turn])
 
 
 def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
@@ -76,15 +72,14 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
             cells.append(cell_around(len(faces) - 1, contact, angle, rng))
             outward = contact[:2] - shoulder[:2]
             at = np.array([*(contact[:2] + outward / np.linalg.norm(outward)), angle])
-            away.append(cells[-1].copy())
-            away[-1][LOWER] = away[-1][UPPER] = at
+            away.append((len(faces) - 1, at, at))
     standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
     reach = planner_of(standing, objective)._bounds._reach  # at heights where nothing else is known
     assert len(cells) == 600
     sets = PoseSets(regions, [(k, k, 0.0, 1.0) for k in range(len(regions))])
-    assert not reach.out_of_reach(PlacedCells(sets, np.array(cells))).any()
+    assert not reach.out_of_reach(PlacedCells(sets, np.array(cells, CELL))).any()
     # A metre further out there is nothing but the bound to tell.
-    assert reach.out_of_reach(PlacedCells(sets, np.array(away))).mean() > 0.9
+    assert reach.out_of_reach(PlacedCells(sets, np.array(away, CELL))).mean() > 0.9
 
 
 class Treasures:
@@ -96,9 +91,9 @@ class Treasures:
         self.at, self.place = UniformPoses(hierarchy(problem), rng).draw(count)
 
     def rulings(self, cells):
-        here = cells[:, :1] == self.at
-        here &= (cells[:, None, LOWER] <= self.place).all(axis=-1)
-        here &= (cells[:, None, UPPER] >= self.place).all(axis=-1)
+        here = cells["set"][:, None] == self.at
+        here &= (cells["low"][:, None] <= self.place).all(axis=-1)
+        here &= (cells["high"][:, None] >= self.place).all(axis=-1)
         return np.where(here.any(axis=1), Ruling.OPEN, Ruling.UNSUPPORTED)
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y
 from placement_planner_ros.core.search.expected_improvement import ImprovementModel
 from placement_planner_ros.core.search.hierarchy import (
     AfrHierarchy,
@@ -238,7 +237,7 @@ class LowerHalf:
     """Rules out the cells that lie beyond y = 0.2."""
 
     def rulings(self, cells):
-        return np.where(cells[:, Y] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
+        return np.where(cells["low"][:, 1] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
 
 
 def test_parts_that_are_ruled_out_are_not_sampled():
@@ -256,7 +255,7 @@ class NearTheCorner:
 
     def rulings(self, cells: np.ndarray) -> np.ndarray:
         pose = np.array([0.01, 0.01, 0.01])
-        holds = (cells[:, LOWER] <= pose).all(axis=1) & (pose <= cells[:, UPPER]).all(axis=1)
+        holds = ((cells["low"] <= pose) & (pose <= cells["high"])).all(axis=1)
         return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
 
 
