@@ -20,6 +20,7 @@ class PlacedCells:
     def __init__(self, sets: PoseSets, cells: Cells) -> None:
         of = cells["set"]
         self.face, self.height, self.slope = sets.face[of], sets.z[of], sets.slope[of]
+        self.plane, self.planes = sets.plane[of], sets.planes
         # The middle of each cell, and how far its points are from there.
         half = 0.5 * (cells["high"] - cells["low"])
         middle = cells["low"] + half

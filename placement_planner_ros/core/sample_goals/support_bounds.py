@@ -100,10 +100,9 @@ class SupportBound:
         radii = radii + np.linalg.norm(placed.half, axis=1)[:, None] + ROUNDING
         found = np.zeros(radii.shape, np.bool_)
         # Cells on one plane are looked up together.
-        planes = np.column_stack([placed.height, placed.slope])
-        each, of = np.unique(planes, axis=0, return_inverse=True)
-        for number, (height, along_x, along_y) in enumerate(each.tolist()):
-            rows = np.flatnonzero(of.ravel() == number)
+        for number in np.unique(placed.plane).tolist():
+            height, along_x, along_y = placed.planes[number].tolist()
+            rows = np.flatnonzero(placed.plane == number)
             for origin, pixel, field in self._fields(height, (along_x, along_y)):
                 # At the pixel of the layer that is nearest to the middle.
                 at = np.round((middles[rows] - origin) / pixel).astype(np.int64)

@@ -15,8 +15,10 @@ CELL = np.dtype([("set", np.int64), ("low", np.float64, 3), ("high", np.float64,
 """Pose set, and the ends of x, y and θ."""
 Cells = npt.NDArray[np.void]
 """(n,) of that, or with further fields."""
-MAX_CELLS = 50_000
+MAX_CELLS = 30_000
 """Cells that a search remembers."""
+CELLS_AT_ONCE = 16
+"""Cells that are split together: enough to make use of arrays, few enough to go deep."""
 _PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
@@ -29,7 +31,8 @@ class PoseSets:
 
     Attributes:
         face, region: (k,) indices.
-        z, slope: (k,) and (k, 2) of the planes; z is that at x = y = 0.
+        planes: (m, 3) z at x = y = 0, and slope, of each plane that there is.
+        plane, z, slope: (k,) its number, and (k,) and (k, 2) the same of each set.
         low, high: (k, 3) corners of a box that holds all places.
     """
 
@@ -40,6 +43,8 @@ class PoseSets:
         self.face, self.region = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)
         planes = np.array([(r.z, *r.slope) for r in regions]).reshape(-1, 3)[self.region]
         self.z, self.slope = planes[:, 0], planes[:, 1:]
+        self.planes, of = np.unique(planes, axis=0, return_inverse=True)
+        self.plane = of.ravel()
         corners = np.array(
             [(*r.rectangles[:, :2].min(axis=0), *r.rectangles[:, 2:].max(axis=0)) for r in regions]
         ).reshape(-1, 4)[self.region]

@@ -39,9 +39,9 @@ GRADED_CELL = np.dtype(
 _NODE = np.dtype([("above", np.int64), ("tries", np.float64), ("reached", np.float64)])
 
 _TRIES = 2.0
-"""Tries that what is known of the cell above counts as."""
-_TRIALS = 10.0
-"""Samples that what cells promise counts as, beside what such cells gave."""
+"""Tries, or samples, that what was to be expected before counts as."""
+_TRY_SAMPLES = 10.0
+"""Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
 _DEEPEST = 30
 """Depth of the smallest cells that are told apart by their depth: a billionth of a region."""
 
@@ -85,16 +85,18 @@ class ImprovementModel:
         known = self._nodes[nodes]
         return np.asarray(known["reached"] / known["tries"])
 
-    def count_try(self, number: int, reached: bool) -> None:
-        """Count a try in a node, and in those above: many in one part say little of the others, so
-        there they count ever less."""
-        weight = 1.0
-        while number >= 0:
-            node = self._nodes[number]
-            node["tries"] += weight
-            node["reached"] += weight * reached
-            weight *= _TRIES / node["tries"]
-            number = int(node["above"])
+    def count_tries(self, nodes: Index, reached: Index) -> None:
+        """Count tries (n,) in nodes, and in those above: many in one part say little of the others,
+        so there they count ever less."""
+        weights = np.ones(len(nodes))
+        while len(nodes):
+            np.add.at(self._nodes["tries"], nodes, weights)
+            np.add.at(self._nodes["reached"], nodes, weights * reached)
+            # One level up.
+            known = self._nodes[nodes]
+            below = known["above"] >= 0
+            weights = (weights * _TRIES / known["tries"])[below]
+            nodes, reached = known["above"][below], reached[below]
 
     def lose(self, number: int) -> None:
         """A goal there was not reached by any motion: it counts as a try that failed."""
@@ -125,8 +127,8 @@ class ImprovementModel:
         off = values[known] - np.where(whole[known], self.mean, cells["value"][known])
         np.add.at(self._squares, depths[known], off * off)
         self._spread_values()
-        for row in np.flatnonzero(verdicts > Verdict.NOT_BETTER).tolist():
-            self.count_try(int(cells["node"][row]), verdicts[row] == Verdict.FEASIBLE)
+        tried = verdicts > Verdict.NOT_BETTER
+        self.count_tries(cells["node"][tried], verdicts[tried] == Verdict.FEASIBLE)
         # What is known of the cells now.
         cells["kind"] = kinds
         cells["value"][valued], cells["scale"][valued] = values[valued], depths[valued]
@@ -134,9 +136,9 @@ class ImprovementModel:
         cells["lack"] = np.where(some, -values, 0.0)
         self._lacks, self._lack = self._lacks + int(some.sum()), self._lack - values[some].sum()
 
-    def promise(self, cells: Cells, best: float) -> tuple[Array, Array]:
-        """(n,) what a sample in a part of each cell is expected to add to ξ_best if what is better
-        is reached, and (n,) how often it is tried whether it is.
+    def promise(self, cells: Cells, best: float) -> Array:
+        """(n,) what a sample in a part of each cell is expected to add to ξ_best, for what it and
+        the tries that it leads to take.
 
         Args:
             best: ξ_best, or that of a goal which waits for its motion; -inf where nothing was
@@ -147,14 +149,14 @@ class ImprovementModel:
         # What such cells promised so far, and what they gave.
         of = depths, cells["kind"]
         promised, kept = self._promised[of], self._kept[of]
-        doubt = _TRIALS * promised / self._drawn[of]
+        doubt = _TRIES * promised / self._drawn[of]
         gain *= np.divide(
             kept + doubt, promised + doubt, out=np.ones(len(cells)), where=promised > 0.0
         )
         # What breaks a rule by less is nearer to what breaks none.
         if self._lack > 0.0:
             gain *= np.exp(-cells["lack"] * (self._lacks / self._lack))
-        return gain, tried
+        return np.asarray(gain * self.chances(cells["node"]) / (1.0 + _TRY_SAMPLES * tried))
 
     def _gain(self, cells: Cells, depths: Index, best: float) -> tuple[Array, Array]:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of

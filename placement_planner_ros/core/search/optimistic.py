@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import (
+    CELLS_AT_ONCE,
     MAX_CELLS,
     Cells,
     contact_areas,
@@ -39,10 +40,6 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Verdict
 
-_AT_ONCE = 12
-"""Cells split in a round, so that their parts are checked together."""
-_TRY_SAMPLES = 10.0
-"""Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
 _PATIENCE = 2000
 """Samples over which a goal may wait for its motion."""
 
@@ -94,15 +91,17 @@ class OptimisticSampler(BatchSampler):
         self._steps = np.array([2, 2, hierarchy.settings.angle_intervals]) ** 2
         self._min_area = hierarchy.settings.min_area
         self._model = ImprovementModel(hierarchy.faces)
-        # the cells that have not been split, and what each promises; the coarse ones that have
-        self._filed = np.empty(0, dtype=GRADED_CELL)
-        self._gain, self._tried = np.empty((2, 0))
-        self._split = np.zeros(len(self._sets) * self._steps.prod(), np.bool_)
+        # the cells that have not been split, and what each promises, -1 where there is none; which
+        # of the coarse ones have been, and False for all others
+        self._filed = np.zeros(MAX_CELLS, dtype=GRADED_CELL)
+        self._worth = np.full(MAX_CELLS, -1.0)
+        self._room = np.arange(MAX_CELLS)  # rows for new ones
+        self._split = np.zeros(len(self._sets) * self._steps.prod() + 1, np.bool_)
         # goals that wait for their motion: ξ, and at how many samples they were found in which node
         self._waiting: list[tuple[float, int, int]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
-        self._drawn = self._filed  # the cells that poses were drawn from last
+        self._drawn = self._filed[:0]  # the cells that poses were drawn from last
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first."""
@@ -173,41 +172,37 @@ class OptimisticSampler(BatchSampler):
             self._model.forget()
         if doubled or best != self._ranked_for:
             self._ranked_for, self._ranked_at = best, self.count.samples
-            self._rank(np.flatnonzero(self._gain >= 0.0))
-        # What is expected of a sample and the tries that it leads to.
-        worth = self._gain * self._model.chances(self._filed["node"])
-        worth /= 1.0 + _TRY_SAMPLES * self._tried
+            self._rank(np.flatnonzero(self._worth >= 0.0))
+        # The most promising, by what is known of them now.
+        rows = np.argpartition(-self._worth, 2 * CELLS_AT_ONCE)[: 2 * CELLS_AT_ONCE]
+        rows = rows[self._worth[rows] > 0.0]
+        self._rank(rows)
         taken: list[int] = []
-        for row in _largest(worth, 2 * _AT_ONCE).tolist():
-            if len(taken) == _AT_ONCE or worth[row] <= 0.0:
+        for row in rows[np.argsort(-self._worth[rows], kind="stable")].tolist():
+            if len(taken) == CELLS_AT_ONCE:
                 break
-            self._gain[row] = -1.0  # nothing any more
+            self._worth[row] = -1.0
             # A coarse cell is filed as often as it was graded, and split once only.
             coarse = int(self._filed["coarse"][row])
-            if coarse >= 0 and self._split[coarse]:
-                continue
-            if coarse >= 0:
-                self._split[coarse] = True
-            taken.append(row)
+            if not self._split[coarse]:
+                self._split[coarse] = coarse >= 0
+                taken.append(row)
         cells = self._filed[taken]
         cells["node"] = self._model.add_nodes(cells["node"])
         return cells
 
     def _file(self, cells: Cells) -> None:
-        """Remember cells (n,) with what is known of them; of too many, those that promise most."""
-        whole = cells["coarse"] < 0
-        cells = cells[whole | ~self._split[cells["coarse"]]]
-        gain, tried = self._model.promise(cells, self._ranked_for)
-        self._filed = np.concatenate([self._filed, cells])
-        self._gain = np.concatenate([self._gain, gain])
-        self._tried = np.concatenate([self._tried, tried])
-        if len(self._filed) > MAX_CELLS:
-            self._rank(_largest(self._gain, MAX_CELLS // 2))
+        """Remember cells (n,) with what is known of them, in place of those that promise least."""
+        cells = cells[~self._split[cells["coarse"]]]
+        if len(self._room) < len(cells):
+            self._room = np.argsort(self._worth)[: MAX_CELLS // 2]
+        rows, self._room = np.split(self._room, [len(cells)])
+        self._filed[rows] = cells
+        self._rank(rows)
 
     def _rank(self, rows: Index) -> None:
-        """Keep these of the cells, by what they promise now."""
-        self._filed = self._filed[rows]
-        self._gain, self._tried = self._model.promise(self._filed, self._ranked_for)
+        """Note what these of the cells promise now."""
+        self._worth[rows] = self._model.promise(self._filed[rows], self._ranked_for)
 
     def _aim(self, best: float) -> float:
         """ξ that is to be improved on: ξ_best, or that of the best goal which waits for its motion;
@@ -219,10 +214,3 @@ class OptimisticSampler(BatchSampler):
                 self._model.lose(node)
         self._waiting = [each for each in self._waiting if each[0] > best and each[1] >= latest]
         return max([best, *(value for value, _, _ in self._waiting)])
-
-
-def _largest(values: Array, count: int) -> Index:
-    """The rows of the largest values, so many, the largest first."""
-    rows = np.argpartition(-values, count - 1)[:count] if count < len(values) else slice(None)
-    rows = np.arange(len(values))[rows]
-    return np.asarray(rows[np.argsort(-values[rows], kind="stable")])

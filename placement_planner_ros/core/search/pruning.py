@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
+    CELLS_AT_ONCE,
     MAX_CELLS,
     Cells,
     bisected_cells,
@@ -19,11 +20,9 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array
 
-_CELLS_AT_ONCE = 32
-"""Cells that are taken apart together: enough to make use of arrays, few enough to go deep."""
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.1
+_PARTS_PER_SAMPLE = 0.05
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 
 
@@ -145,7 +144,7 @@ class Remainder:
         """(n,) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
         ones."""
         # Halve the first cells; their bounds hold for both parts.
-        number = min(_CELLS_AT_ONCE, len(self._open))
+        number = min(CELLS_AT_ONCE, len(self._open))
         taken = [heapq.heappop(self._open) for _ in range(number)]
         parts = bisected_cells(np.array([cell for _, _, cell in taken]), self._bounds.turn_radius)
         most = np.repeat([-bound for bound, _, _ in taken], 2)

@@ -203,15 +203,15 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     whole = model.add_nodes(np.array([0]))
     parts = model.add_nodes(np.repeat(whole, 2))
     for _ in range(1000):
-        model.count_try(int(parts[0]), reached=False)
+        model.count_tries(parts[:1], np.zeros(1))
     assert model.chances(parts)[0] < 0.002
     assert model.chances(whole)[0] < 0.2 * model.chances(parts)[1]
     # What is split from now on is expected to be as the whole, until it is known better.
-    later = int(model.add_nodes(whole)[0])
-    assert model.chances(np.array([later])) == model.chances(whole)
+    later = model.add_nodes(whole)
+    assert model.chances(later) == model.chances(whole)
     for _ in range(10):
-        model.count_try(later, reached=True)
-    assert model.chances(np.array([later]))[0] > 0.8
+        model.count_tries(later, np.ones(1))
+    assert model.chances(later)[0] > 0.8
     assert model.chances(parts)[0] < 0.002
 
 
