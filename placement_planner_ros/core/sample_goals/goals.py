@@ -25,8 +25,6 @@ from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
 _TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
-_GROUPED_POSES = 16
-"""Poses of which the best is reached for first: of more, the best are the hardest to reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,11 +88,9 @@ class GoalFinder:
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
-        # Those that would be better are to be reached, of some at a time the best first.
+        # Those that would be better are to be reached, as drawn: the best are the hardest to reach.
         found: list[Goal] = []
-        better = free[values[free] > best]
-        group = np.arange(len(better)) // _GROUPED_POSES
-        for row in better[np.lexsort((-values[better], group))].tolist():
+        for row in free[values[free] > best].tolist():
             if should_stop():
                 return None
             wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))

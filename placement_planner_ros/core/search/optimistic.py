@@ -109,7 +109,7 @@ class OptimisticSampler(BatchSampler):
         left = self._settings.uniform_first - graded
         parts = np.empty(0, dtype=GRADED_CELL) if left > 0 else self._open_parts(best)
         # A placement takes as long as some thousands of samples: once there is one, the rest of the
-        # grading is one batch, and the best of it is reached for first.
+        # grading is one batch.
         count = max(self._budget.batch, min(graded, left) if best == -np.inf else left)
         if len(parts):
             count = max(1, round(len(parts) * share / (1.0 - share)))
