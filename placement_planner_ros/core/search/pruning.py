@@ -22,7 +22,7 @@ from placement_planner_ros.core.types import Array
 
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.05
+_PARTS_PER_SAMPLE = 0.07
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 
 
@@ -144,7 +144,7 @@ class Remainder:
         """(n,) parts of the first cells that are not ruled out, and (n,) the bounds of the whole
         ones."""
         # Halve the first cells; their bounds hold for both parts.
-        number = min(CELLS_AT_ONCE, len(self._open))
+        number = min(2 * CELLS_AT_ONCE, len(self._open))
         taken = [heapq.heappop(self._open) for _ in range(number)]
         parts = bisected_cells(np.array([cell for _, _, cell in taken]), self._bounds.turn_radius)
         most = np.repeat([-bound for bound, _, _ in taken], 2)
