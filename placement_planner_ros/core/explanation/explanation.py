@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.support_settings import SupportSettings

@@ -49,10 +49,6 @@ class _Reach:
 
     def out_of_reach(self, placed: PlacedCells) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
-        return np.asarray((self.beyond(placed) > HAND_SLACK_M).all(axis=1))
-
-    def beyond(self, placed: PlacedCells) -> Array:
-        """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""
         # How far the wrists are from the shoulders at the middle of each cell.
         wrists = self._wrists[placed.face]
         away = np.abs(placed.middles(wrists) - self._shoulders)
@@ -60,7 +56,8 @@ class _Reach:
         aside = np.maximum(away[..., :2] - placed.half[:, None], 0.0)
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
         height = np.maximum(away[..., 2] - placed.rises(wrists), 0.0)
-        return np.asarray(np.hypot(distance, height) - self._lengths - self._around[placed.face])
+        beyond = np.hypot(distance, height) - self._lengths - self._around[placed.face]
+        return np.asarray((beyond > HAND_SLACK_M).all(axis=1))
 
 
 class BranchBounds:
@@ -114,13 +111,10 @@ class BranchBounds:
         """The poses of cells (n,) of features that are turned about a normal."""
         return self.placed(cells).ranges(self._T_face_object)
 
-    def turned(self, cells: Cells) -> Mask:
-        """(n,) cells of such features; of others only reach and support are known."""
-        return np.asarray(self._turning[self._sets.face[cells["set"]]])
-
     def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n,) cells."""
-        turned = self.turned(cells)
+        # Features that are turned about a normal, of which more is known.
+        turned = self._turning[self._sets.face[cells["set"]]]
         if turned.all():
             return self._rulings_of_faces(cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
@@ -153,8 +147,3 @@ class BranchBounds:
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
         return self._objective.most_around(self.ranges(cells)) + ROUNDING
-
-    def beyond_reach(self, cells: Cells) -> Array:
-        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n,); 0
-        or less where nothing is known to be lacking."""
-        return self._reach.beyond(self.placed(cells))
