@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 NAMED_THINGS = 12
 """Things that are named at most where any number may be meant."""
 
-MAX_REMEDY_LETTERS = 2000
-"""Characters of a remedy, which may name what somebody else has named."""
+MAX_PART_LETTERS = 1000
+"""Characters of each part of a message, which may name what somebody else has named."""
 
 
 def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED_THINGS) -> str:
@@ -56,9 +56,8 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        shown = _shortened_words(_shown_value(value), 600)
-        advice = _shortened_words(remedy, MAX_REMEDY_LETTERS)
-        super().__init__(f"{_shortened_words(field, 200)} = {shown}: {advice}")
+        parts = map(_shortened_words, (field, _shown_value(value), remedy))
+        super().__init__("{} = {}: {}".format(*parts))
 
 
 def _shown_value(value: object) -> str:
@@ -70,9 +69,9 @@ def _shown_value(value: object) -> str:
     return repr(value)
 
 
-def _shortened_words(words: str, most: int) -> str:
+def _shortened_words(words: str) -> str:
     """The words, or what fits of them."""
-    return words if len(words) <= most else f"{words[: most - 3]}..."
+    return words if len(words) <= MAX_PART_LETTERS else f"{words[:MAX_PART_LETTERS]}..."
 
 
 class ParameterError(PlacementPlannerError):

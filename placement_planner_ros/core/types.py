@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.boxes import disjoint_rectangles, joined_boxes
+from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.errors import VolumeError
 
 Array = npt.NDArray[np.float64]
@@ -129,12 +129,10 @@ class TargetVolume:
 
     Attributes:
         boxes: (k, 2, 3) lower and upper corners as they were given, metres.
-        joined: (m, 2, 3) the same union, with boxes that make one box together as one.
         lower, upper: (3,) corners of the box around V, metres.
     """
 
     boxes: Array
-    joined: Array
     lower: Array
     upper: Array
 
@@ -166,7 +164,6 @@ class TargetVolume:
                     f"give the minimum corner first; every side must be longer than zero{which}",
                 )
         object.__setattr__(self, "boxes", frozen_array(boxes))
-        object.__setattr__(self, "joined", frozen_array(joined_boxes(boxes)))
         object.__setattr__(self, "lower", frozen_array(boxes[:, 0].min(axis=0)))
         object.__setattr__(self, "upper", frozen_array(boxes[:, 1].max(axis=0)))
 
@@ -186,12 +183,12 @@ class TargetVolume:
     def contains(self, points: Array) -> npt.NDArray[np.bool_]:
         """Which of the (n, 3) points lie in V."""
         points = np.asarray(points)[..., None, :]
-        inside = (points >= self.joined[:, 0]) & (points <= self.joined[:, 1])
+        inside = (points >= self.boxes[:, 0]) & (points <= self.boxes[:, 1])
         return np.asarray(inside.all(axis=-1).any(axis=-1))
 
     def section(self, z: float) -> Array:
         """(k, 2, 2) lower and upper corners of disjoint rectangles: V at a height."""
-        cut = self.joined[(self.joined[:, 0, 2] <= z) & (z <= self.joined[:, 1, 2])]
+        cut = self.boxes[(self.boxes[:, 0, 2] <= z) & (z <= self.boxes[:, 1, 2])]
         return disjoint_rectangles(cut[:, :, :2])
 
     def same(self, other: TargetVolume) -> bool:

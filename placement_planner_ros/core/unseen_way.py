@@ -18,8 +18,6 @@ from placement_planner_ros.core.types import Array, Trajectory
 
 SPACING_M = 0.02
 """m between the points that stand for what moves, and that they move from look to look."""
-_COARSE = 64
-"""Looks at a curve from which it is told how far points move along it."""
 
 
 def unseen_share(
@@ -83,11 +81,11 @@ def _along(
                 first += len(each)
         return at
 
-    times = np.linspace(0.0, path.duration, _COARSE)
-    moved = np.linalg.norm(np.diff(placed(times), axis=0), axis=2).max(axis=1)
+    # How far points move, by the curve's own points; then looks that are so far apart.
+    moved = np.linalg.norm(np.diff(placed(path.times), axis=0), axis=2).max(axis=1)
     so_far = np.concatenate([[0.0], moved.cumsum()])
     looks = int(so_far[-1] / SPACING_M) + 2
-    return placed(np.interp(np.linspace(0.0, so_far[-1], looks), so_far, times))
+    return placed(np.interp(np.linspace(0.0, so_far[-1], looks), so_far, path.times))
 
 
 @functools.lru_cache(maxsize=8)

@@ -63,7 +63,7 @@ def volume_edges(volume: TargetVolume) -> list[Mesh]:
     """The edges of V's boxes."""
     return [
         tube(np.array(ends), VOLUME)
-        for box in volume.joined
+        for box in volume.boxes
         # corners that differ in one coordinate are the ends of an edge
         for ends in combinations(product(*box.T), 2)
         if np.not_equal(*ends).sum() == 1

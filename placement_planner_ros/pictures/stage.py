@@ -66,7 +66,7 @@ class Stage:
         # V, ways and where things come to stand shall be seen
         ways = [leg.motion.path() for leg in legs]
         standing = [moved(leg.corners, leg.motion.T_world_placed).reshape(-1, 3) for leg in legs]
-        self.view = self._view_of(np.vstack([scene.volume.joined.reshape(-1, 3), *ways, *standing]))
+        self.view = self._view_of(np.vstack([scene.volume.boxes.reshape(-1, 3), *ways, *standing]))
         # what never moves is drawn once
         parts = [
             Mesh(

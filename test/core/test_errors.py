@@ -26,8 +26,8 @@ def test_a_value_of_many_is_cut_and_kept_whole(many):
 
 
 def test_a_long_word_is_cut_too():
-    assert len(str(PlacementPlannerError("x" * 5000, "y" * 5000, "z"))) < 900
-    assert len(str(PlacementPlannerError("x", "y", "z" * 1_000_000))) < 2100
+    assert len(str(PlacementPlannerError("x" * 5000, "y" * 5000, "z"))) < 2100
+    assert len(str(PlacementPlannerError("x", "y", "z" * 1_000_000))) < 1100
 
 
 def test_words_can_be_sent_whatever_is_in_them():

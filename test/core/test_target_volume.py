@@ -32,7 +32,6 @@ def test_several_boxes_are_their_union():
         assert expected.any() or count == 1
         np.testing.assert_array_equal(volume.lower, boxes[:, 0].min(axis=0))
         np.testing.assert_array_equal(volume.upper, boxes[:, 1].max(axis=0))
-        assert len(volume.joined) <= count
         np.testing.assert_array_equal(volume.boxes, boxes)
         again = pickle.loads(pickle.dumps(volume))
         assert again.same(volume)
@@ -42,18 +41,6 @@ def test_several_boxes_are_their_union():
             np.testing.assert_array_equal(
                 inside(section, points[:, :2]).any(axis=1), inside(boxes, cut).any(axis=1)
             )
-
-
-def cut(box, rng, times):
-    """A box as the pieces of a few cuts through pieces of it, in random order."""
-    pieces = [box]
-    for _ in range(times):
-        piece = pieces.pop(rng.integers(len(pieces)))
-        axis = rng.integers(3)
-        left, right = piece.copy(), piece.copy()
-        left[1, axis] = right[0, axis] = rng.uniform(*piece[:, axis])
-        pieces += [left, right]
-    return np.array(pieces)[rng.permutation(len(pieces))]
 
 
 def test_rectangles_are_disjoint_and_depend_on_the_union_alone():

@@ -13,9 +13,7 @@ from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.types import Array
 
 _RESERVE_SHARE = 0.1
-_MOST_RESERVE = math.radians(1.0)
-"""What planning keeps of the limit for rounded corners and timing: that share of it, at most so
-much."""
+"""Of the limit, what planning keeps for rounded corners and timing."""
 _COSINE_ROUNDING = 1e-12
 """Of cosines, far above what floating point loses."""
 
@@ -34,7 +32,7 @@ class TiltConstraint:
 
     def __init__(self, chain: Chain, R_tip_object: Array, limit: TiltLimit) -> None:
         self.limit = limit
-        self.planned = limit.most - min(_RESERVE_SHARE * limit.most, _MOST_RESERVE)
+        self.planned = (1.0 - _RESERVE_SHARE) * limit.most
         self._chain = chain
         self._up = kernel_input(R_tip_object @ limit.up)
         frames, work = np.zeros((chain.dof + 1, 4, 4)), np.zeros((5, chain.dof))

@@ -32,15 +32,10 @@ from placement_planner_ros.core.uncounted import Uncounted
 _AIM_SHARE = 0.7
 """Share of the planned limit that projected configurations lean by: straight edges between two of
 them bulge outwards."""
-_SHORTEST_SHARE = 1e-7
-"""Share of an edge below which an interval is not halved any more."""
-_MAX_INTERVALS = 10_000
-"""Of one edge."""
+_MAX_INTERVALS = 1000
+"""Of one edge, after which it is given up."""
 _NEWTON_STEPS = 40
-_LONGEST_STEP_RAD = 0.5
-"""rad, of all joints together, in one of Newton's steps."""
-_LEAST_TILT_SLOPE = 1e-6
-"""Slope of the tilt, per rad of all joints together, below which nothing leads back."""
+"""After which a configuration is given up."""
 
 
 class TiltedChain(NamedTuple):
@@ -109,7 +104,7 @@ def edge_keeps_tilt(chain: TiltedChain, a: Array, b: Array, deviation: Array, le
     """Whether c ≥ least on the straight motion from a to b (n,), strayed from by `deviation` (n,).
 
     From a on, interval after interval, each certified by this module's bound around its middle;
-    one that is not is halved, until it is too short to go on with.
+    one that is not is halved.
     """
     fixed, prismatic, up, frames, work = (
         chain.fixed,
@@ -151,8 +146,6 @@ def edge_keeps_tilt(chain: TiltedChain, a: Array, b: Array, deviation: Array, le
             length = min(2.0 * length, 1.0 - begin)
         else:
             length = half
-            if length < _SHORTEST_SHARE:
-                return False
     return False
 
 
@@ -167,7 +160,7 @@ def project_tilt(chain: TiltedChain, q: Array, most: float) -> bool:
     """
     frames, work, lower, upper = chain.frames, chain.work, chain.lower, chain.upper
     dof = len(q)
-    # The tilt at q: there already, or where no joint can change it.
+    # The tilt at q: there already, or straight up or down, where it has no slope.
     for _ in range(_NEWTON_STEPS):
         chain_frames(chain.fixed, chain.prismatic, q, frames)
         c, s = _tilt_and_slopes(chain.prismatic, chain.up, frames, work)
@@ -183,13 +176,13 @@ def project_tilt(chain: TiltedChain, q: Array, most: float) -> bool:
             if (rise > 0.0 and q[i] >= upper[i]) or (rise < 0.0 and q[i] <= lower[i]):
                 work[0, i] = 0.0
             squared += work[0, i] * work[0, i]
-        # How fast the tilt falls along the gradient; too slowly leads nowhere.
-        slope = math.sqrt(squared) / s
-        if slope < _LEAST_TILT_SLOPE:
+        # How fast the tilt falls along the gradient, as -∂tilt/∂q_i = ∂c/∂q_i / sin.
+        if not squared > 0.0:
             return False
-        # -∂tilt/∂q_i = ∂c/∂q_i / sin
-        # A step towards the aim along the gradient, within limits.
-        step = min((tilt - _AIM_SHARE * most) / slope, _LONGEST_STEP_RAD)
+        slope = math.sqrt(squared) / s
+        # A step towards the aim along it, within limits; no longer than a joint that turns the
+        # axis straight up would take.
+        step = min((tilt - _AIM_SHARE * most) / slope, tilt)
         for i in range(dof):
             q[i] += step * work[0, i] / (s * slope)
             q[i] = min(max(q[i], lower[i]), upper[i])

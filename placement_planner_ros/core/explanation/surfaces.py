@@ -96,7 +96,7 @@ def _too_steep(environment: Environment) -> Cause | None:
 
 def _too_narrow(environment: Environment) -> Cause | None:
     """That no floor of V's boxes has room for a region."""
-    area, sides = RegionSettings().min_area, environment.volume.joined
+    area, sides = RegionSettings().min_area, environment.volume.boxes
     width, depth = max(np.ptp(sides, axis=1)[:, :2].tolist(), key=math.prod)
     if width * depth >= 2.0 * area:
         return None

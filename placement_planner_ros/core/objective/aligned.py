@@ -18,8 +18,6 @@ _FALLOFF_M = 0.01
 """m, what is farther than the nearest by so much counts e times less ..."""
 _FALLOFF_END_M = 5.0 * _FALLOFF_M
 """m, ... and what is farther than it by so much does not count."""
-_PLAIN_SHARE = 0.5
-"""Share of all places that must be left when they are added up, for their direction to be plain."""
 _NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 _LAYERS = (-1, 0, 1)
 """Beside a square, it goes on in one of these layers: tops are neither level nor without noise."""
@@ -74,7 +72,7 @@ class Aligned(Beside):
             # The angle between that axis and the weighted direction, modulo a quarter turn.
             four = 4.0 * np.arctan2(along[:, 1], along[:, 0])
             agreeing = x * np.cos(four) + y * np.sin(four)
-            cosine = agreeing / np.maximum(np.hypot(x, y), _PLAIN_SHARE * most)
+            cosine = agreeing / np.maximum(np.hypot(x, y), 0.5 * most)
             result[group.rows] = -0.25 * np.arccos(np.clip(cosine, -1.0, 1.0))
         return result
 

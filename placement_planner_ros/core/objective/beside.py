@@ -24,8 +24,6 @@ from placement_planner_ros.core.types import Array, Slope
 
 Mask = npt.NDArray[np.bool_]
 
-_POSES_AT_ONCE = 256
-"""Poses that are looked at together."""
 ABOVE_CONTACT_M = 0.01
 """m above the contact plane, what stands beside the object begins to count."""
 
@@ -59,25 +57,22 @@ class Beside:
         self._tables: dict[tuple[int, int], tuple[cKDTree | None, Array]] = {}
 
     def _groups(self, T: Array) -> Iterator[Group]:
-        """Of poses (n, 4, 4), a few hundred at a time; what has nothing around is left out."""
-        for start in range(0, len(T), _POSES_AT_ONCE):
-            # What each pose stands on, and where the middle of that side is.
-            part = T[start : start + _POSES_AT_ONCE]
-            stood = self._standing.at(part)
-            at = np.einsum("nij,nj->ni", part[:, :3, :3], self._standing.middles[stood.face])
-            at += part[:, :3, 3]
-            slopes = self._standing.slopes[stood.slope]
-            # Contact planes, by slope and by height in steps.
-            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / LAYER_STEP_M)
-            planes = np.column_stack([stood.slope, level]).astype(np.int64)
-            for slope, height in sorted(set(map(tuple, planes.tolist()))):
-                tree, known = self._table(slope, height)
-                if tree is None:
-                    continue
-                # The poses on that plane.
-                of = np.flatnonzero((planes == (slope, height)).all(axis=1))
-                along = self._slope(slope)
-                yield Group(start + of, stood.face[of], at[of, :2], along, tree, known)
+        """Of poses (n, 4, 4); what has nothing around is left out."""
+        # What each pose stands on, and where the middle of that side is.
+        stood = self._standing.at(T)
+        at = np.einsum("nij,nj->ni", T[:, :3, :3], self._standing.middles[stood.face]) + T[:, :3, 3]
+        slopes = self._standing.slopes[stood.slope]
+        # Contact planes, by slope and by height in steps.
+        level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / LAYER_STEP_M)
+        planes = np.column_stack([stood.slope, level]).astype(np.int64)
+        for slope, height in sorted(set(map(tuple, planes.tolist()))):
+            tree, known = self._table(slope, height)
+            if tree is None:
+                continue
+            # The poses on that plane.
+            of = np.flatnonzero((planes == (slope, height)).all(axis=1))
+            along = self._slope(slope)
+            yield Group(of, stood.face[of], at[of, :2], along, tree, known)
 
     def _slope(self, slope: int) -> Slope:
         along = self._standing.slopes[slope]
@@ -134,18 +129,6 @@ class Edge(Beside):
             least = np.minimum.reduceat(away, np.cumsum(numbers) - numbers)
             result[group.rows] = self._trimmed(group, least)
         return result
-
-    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
-        """(n,) each: no end is nearer to the middle of what it stands on than to all of it, by no
-        more than its radius."""
-        low, high = (np.full(len(T_world_object), self.ends[1]) for _ in range(2))
-        for group in self._groups(T_world_object):
-            # The end nearest to the middle, and how far the corners are from the middle.
-            nearest, _ = group.tree.query(group.middle)
-            radius = _corner_radius(group, self._feet(group, T_world_object))
-            low[group.rows] = self._trimmed(group, nearest - radius)
-            high[group.rows] = self._trimmed(group, nearest)
-        return low, high
 
     def _feet(self, group: Group, T: Array) -> Array:
         """(n, k, 2) the corners of what they stand on, seen from above."""

@@ -20,6 +20,9 @@ from placement_planner_ros.core.wishes.settings import WishSettings
 
 _Said = TypeVar("_Said")
 
+_DIFFERENCES = np.array([1e-3, 1e-3, 5e-3])
+"""m, m and rad to either side, which gradients are taken from."""
+
 
 class Objective(Protocol):
     """ξ: SE(3) → ℝ, to be maximised. A black box: any callable of a pose will do."""
@@ -221,17 +224,11 @@ def _finite_answer(objective: object, ask: Callable[[], Array], shape: tuple[int
 
 
 def objective_gradient(
-    objective: Objective,
-    T_world_object: pin.SE3,
-    step: float = 1e-3,
-    angle_step: float = 5e-3,
-    slope: Slope = LEVEL,
+    objective: Objective, T_world_object: pin.SE3, slope: Slope = LEVEL
 ) -> Array:
     """∂ξ/∂(x, y, e_z) (3,): the objective's own, or central differences.
 
     Args:
-        step: of the differences in x and y, metres.
-        angle_step: of the differences in e_z, radians.
         slope: of the plane in which differences are taken.
 
     Raises:
@@ -240,15 +237,19 @@ def objective_gradient(
     if isinstance(objective, DifferentiableObjective):
         smooth = objective
         return _finite_answer(objective, lambda: smooth.gradient(T_world_object), (3,))
-    # Central differences, one coordinate at a time.
-    result = np.zeros(3)
-    for axis, size in enumerate((step, step, angle_step)):
-        change = np.zeros(3)
-        change[axis] = size
-        ahead = evaluate_objective(objective, moved_pose(T_world_object, change, slope))
-        behind = evaluate_objective(objective, moved_pose(T_world_object, -change, slope))
-        result[axis] = (ahead - behind) / (2.0 * size)
-    return result
+    return central_differences(lambda T: evaluate_batch(objective, T), T_world_object, slope)
+
+
+def central_differences(
+    values: Callable[[Array], Array], T_world_object: pin.SE3, slope: Slope
+) -> Array:
+    """(3,) change of what has `values` (n,) at poses (n, 4, 4) per metre in x and y, and per radian
+    about the normal of a plane of that slope, within that plane."""
+    # To both sides, one coordinate at a time.
+    changes = [side * change for change in np.diag(_DIFFERENCES) for side in (1.0, -1.0)]
+    poses = [moved_pose(T_world_object, change, slope).homogeneous for change in changes]
+    ahead, behind = values(np.array(poses)).reshape(3, 2).T
+    return np.asarray((ahead - behind) / (2.0 * _DIFFERENCES))
 
 
 def moved_pose(T_world_object: pin.SE3, change: Array, slope: Slope = LEVEL) -> pin.SE3:

@@ -62,15 +62,6 @@ class SmoothTerm(Protocol):
 
 
 @runtime_checkable
-class BoundedTerm(Protocol):
-    """A term of which more is known for less than its value takes."""
-
-    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
-        """(n,) what the values at poses (n, 4, 4) are not below, and (n,) not above."""
-        ...
-
-
-@runtime_checkable
 class SlowTerm(Protocol):
     """A term that is known to change little from a pose to those around it."""
 
@@ -238,16 +229,12 @@ class Stance:
             ]
         return result
 
-    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
-        """(n,) each: at most what it is with all of the side supported."""
-        face = self._standing.at(T_world_object).face
-        most = self._tips(face, self._hulls[face], T_world_object)
-        return np.full(len(most), self.ends[0]), most
-
     def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
-        """(n,) each; on a slope it depends on the turn by how much gravity is aside."""
-        least, most = self.bounds(ranges.T)
-        return least, np.where(ranges.rise > 0.0, self.ends[1], most)
+        """(n,) each: at most what it is with all of the side supported; on a slope it depends on
+        the turn by how much gravity is aside."""
+        face = self._standing.at(ranges.T).face
+        most = self._tips(face, self._hulls[face], ranges.T)
+        return np.full(len(most), self.ends[0]), np.where(ranges.rise > 0.0, self.ends[1], most)
 
     def _tips(self, face: Index, edges: Array, T: Array) -> Array:
         """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""

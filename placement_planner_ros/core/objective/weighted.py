@@ -18,13 +18,12 @@ from placement_planner_ros.core.objective.objective import (
     Objective,
     ObjectiveContext,
     PoseRanges,
+    central_differences,
     evaluate_batch,
-    moved_pose,
     objective_gradient,
 )
 from placement_planner_ros.core.objective.supporting_faces import SupportingFaces
 from placement_planner_ros.core.objective.terms import (
-    BoundedTerm,
     ClearanceTerm,
     High,
     Near,
@@ -47,8 +46,6 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "stance": Stance,
 }
 """Terms by name."""
-_STEPS = np.array([1e-3, 1e-3, 5e-3])
-"""m, m and rad of the differences that gradients are taken from."""
 _TERM_ROUNDING = 1e-6
 """By so much a required term may be too low, in its unit."""
 
@@ -86,12 +83,8 @@ class _WeightedPart:
 
     def most(self, T: Array) -> Array:
         """(n,) what it adds at most at poses (n, 4, 4)."""
-        if not self.factor:
-            return np.zeros(len(T))
-        # By the bounds of its values at these poses, else by those of all values.
-        if isinstance(self.term, BoundedTerm):
-            return np.asarray(self.factor * self.term.bounds(T)[int(self.factor > 0.0)])
-        return np.full(len(T), (self.factor * np.array(self.term.ends)).max())
+        most = (self.factor * np.array(self.term.ends)).max() if self.factor else 0.0
+        return np.full(len(T), most)
 
     @property
     def bounded(self) -> bool:
@@ -118,12 +111,7 @@ class _WeightedPart:
         """(3,) of what it adds, within a plane of that slope."""
         if isinstance(self.term, SmoothTerm):
             return self.factor * self.term.gradient(x)
-        # Differences to both sides along x, along y and about the normal.
-        poses = [
-            moved_pose(x, s * d, slope).homogeneous for d in np.diag(_STEPS) for s in (1.0, -1.0)
-        ]
-        values = self.term.values(np.array(poses)).reshape(3, 2)
-        return np.asarray(self.factor * (values[:, 0] - values[:, 1]) / (2.0 * _STEPS))
+        return self.factor * central_differences(self.term.values, x, slope)
 
 
 class Weighted:

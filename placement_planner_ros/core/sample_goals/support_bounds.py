@@ -134,7 +134,7 @@ def _beside_volume(
     height (n,), lies in V."""
     beside = np.ones(len(middle), np.bool_)
     # Beside or above or below every box of V.
-    for lower, upper in volume.joined:
+    for lower, upper in volume.boxes:
         away = (middle + within < lower[:2]) | (middle - within > upper[:2])
         apart = (height + rise < lower[2]) | (height - rise > upper[2])
         beside &= away.any(axis=1) | apart

@@ -114,7 +114,7 @@ class ClearanceField:
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
         self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
-        grown = volume.joined + np.array([[-beyond], [beyond]])
+        grown = volume.boxes + np.array([[-beyond], [beyond]])
         runs = _vertical_runs(obstacles.points, grown, slope)
         low, high = volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
         sides = high - low

@@ -182,7 +182,7 @@ class SeenSpace:
         """Of the cells that V reaches into, how many were seen free or hold something measured."""
         of_volume = np.zeros(self.shape, np.bool_)
         size = self.measured.cell_size
-        for lower, upper in self.volume.joined:
+        for lower, upper in self.volume.boxes:
             first = np.floor((lower - self.origin) / size).astype(int).clip(min=0)
             last = np.ceil((upper - self.origin) / size).astype(int).clip(min=0)
             of_volume[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = True
@@ -239,7 +239,7 @@ class SeenSpace:
         """(nx, ny, nz) unseen cells whose centres lie in V."""
         unknown = np.zeros(self.shape, np.bool_)
         size = self.measured.cell_size
-        for lower, upper in self.volume.joined:
+        for lower, upper in self.volume.boxes:
             first = np.ceil((lower - self.origin) / size - 0.5).astype(int).clip(min=0)
             last = np.floor((upper - self.origin) / size - 0.5).astype(int).clip(min=-1)
             inside = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))

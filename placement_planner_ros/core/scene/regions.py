@@ -181,7 +181,7 @@ def _regions_of_layer(
     # surface at that height, away from its ends and from what rises
     level = np.abs(layer.surface - height) <= settings.height_tolerance
     mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.risen
-    footprint = volume.joined[:, :, :2]
+    footprint = volume.boxes[:, :, :2]
     mask &= _pixels_over(layer, footprint)
     # what slopes may lie in V in part
     flat = None if slope == LEVEL else disjoint_rectangles(footprint)

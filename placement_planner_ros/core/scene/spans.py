@@ -140,7 +140,7 @@ def _hull_regions(
     settings: RegionSettings,
 ) -> Iterator[Region]:
     """Squares that a hull reaches into, in V, in tiles, each at the height of what is around it."""
-    size, flat = patches.size, disjoint_rectangles(volume.joined[:, :, :2])
+    size, flat = patches.size, disjoint_rectangles(volume.boxes[:, :, :2])
     first = np.floor((flat[:, 0].min(axis=0) - patches.corner) / size)
     last = np.ceil((flat[:, 1].max(axis=0) - patches.corner) / size)
     origin = patches.corner + (first + 0.5) * size

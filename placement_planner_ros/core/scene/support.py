@@ -127,7 +127,7 @@ class SupportMap:
             tolerance: metres.
         """
         inside = np.zeros(len(self.tops), np.bool_)
-        for lower, upper in volume.joined:
+        for lower, upper in volume.boxes:
             near = (self.tops[:, :2] >= lower[:2] - beside).all(axis=1)
             near &= (self.tops[:, :2] <= upper[:2] + beside).all(axis=1)
             # of a plane that slopes, what lies within V at the place that is nearest

@@ -34,12 +34,6 @@ CHORD_MOTION_M = 0.02
 """m, how far a point of a body moves at most along a chord, unless between two samples; and the
 edge of the grid's cubes, unless there were too many of them."""
 _MOST_CUBES = 1_000_000
-_CLUSTER_CELLS = 1.5
-"""Cells of the obstacle set by which points that lie together differ at most along an axis."""
-_CLUSTER_POINTS = 5
-"""Points of news that lie together before they count; fewer are flying pixels, ..."""
-_SPARSE_POINTS_PER_CELL = 4.0
-"""... unless there are fewer points than this in a cell: then each of them counts."""
 _KNOWN_SURFACE_NOISES = 5.0
 """Points within this times the noise of a surface that was known are no news."""
 
@@ -119,7 +113,9 @@ class SweptSpace:
         stretches: in the order in which they are run.
         known: the obstacle set.
         margin: that every body keeps from points, metres.
-        density: how many points a cell of the obstacle set had, on average.
+        density: how many points a cell of the obstacle set had, on average. So many points of news
+            must lie within a cell's size of each other to count, up to `GridSettings.min_points`:
+            fewer are flying pixels.
     """
 
     def __init__(
@@ -132,10 +128,9 @@ class SweptSpace:
         self._stretches = tuple(stretches)
         self._margin = margin
         self._known = known.arrays
-        # Points as near as that to what is known are no news, and how many must lie together.
+        # Points as near as that to what is known are no news.
         self._known_within = max(margin + BOUND_TOLERANCE_M, _KNOWN_SURFACE_NOISES * known.noise)
-        self._together = _CLUSTER_CELLS * known.cell_size
-        self._fewest = _CLUSTER_POINTS if density >= _SPARSE_POINTS_PER_CELL else 1
+        self._fewest = int(min(GridSettings().min_points, density))
         self._chords = [_Chords.of(s.arm.arrays, s.configurations) for s in stretches]
         self._cubes = self._sweep()
 
@@ -152,7 +147,7 @@ class SweptSpace:
         points = points[((points >= low) & (points <= high)).all(axis=1)]
         if len(points) and self._fewest > 1:
             company = KDTree(points).query_ball_point(
-                points, self._together, p=np.inf, return_length=True
+                points, self._known.cell_size, p=np.inf, return_length=True
             )
             points = points[company >= self._fewest]
         as_they_are = GridSettings(self._known.cell_size, noise_floor=1.0, min_points=0)

@@ -63,7 +63,7 @@ _OWN = (
              "What robot_state_publisher puts before the names of links, as its own frame_prefix: "
              "stripped from frames of clouds, known objects and tf."),
 
-    own_spec("target_volume", "double[]", [*map(float, CABINET_VOLUME.joined.ravel())],
+    own_spec("target_volume", "double[]", [*map(float, CABINET_VOLUME.boxes.ravel())],
              "Minimum and maximum corner of the target volume V in planning_frame; or those of "
              "several boxes, one after the other, up to 64: V is their union. The object comes to "
              "stand on a surface in it, with its centre of mass above or below V's floor area, in "

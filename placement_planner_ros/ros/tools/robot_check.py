@@ -346,7 +346,7 @@ def _search(snapshot: Snapshot, environment: Environment) -> tuple[str, tuple[st
 def _plane_in(volume: TargetVolume, share: float) -> Array:
     """(n, 3) points every 5 mm at that share of the height of each of V's boxes."""
     planes = []
-    for low, high in volume.joined:
+    for low, high in volume.boxes:
         x, y = (np.arange(low[i], high[i], 0.005) for i in range(2))
         grid = np.meshgrid(x, y, [low[2] + share * (high[2] - low[2])], indexing="ij")
         planes.append(np.column_stack([axis.ravel() for axis in grid]))

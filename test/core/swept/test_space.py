@@ -158,10 +158,10 @@ def test_single_points_are_flying_pixels(robot, holding, obstacles):
     inside = T.act(np.array([0.1, 0.0, 0.0]))
     apart = np.array([T.act(np.array([x, 0.0, 0.0])) for x in np.arange(0.02, 0.2, 0.02)])
     assert len(space.news(apart)) == len(apart) > 5
-    near = inside + 0.004 * np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 0, -1]])
+    near = inside + 0.004 * np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0]])
     assert space.first_hit(inside[None]) is None
     assert space.first_hit(apart) is None
-    assert space.first_hit(near[:4]) is None
+    assert space.first_hit(near[:2]) is None
     assert space.first_hit(near) is not None
     # Where the cloud has hardly more than one in each cell, all there is is single points.
     sparse = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN, density=1.5)
