@@ -64,8 +64,8 @@ class Log:
 
     def fault(self, kind: str, error: BaseException) -> None:
         """A fault of the node's own: its traceback is said the first time that it happens there."""
-        # known again by where it comes from, as its words may be others each time
-        where = tuple(_frames(error))
+        # known again by where it was raised, as its words may be others each time
+        where = type(error), str(traceback.extract_tb(error.__traceback__))
         with self._lock:
             known = where in self._faults
             self._faults.add(where)
@@ -74,14 +74,6 @@ class Log:
         else:
             trace = "".join(traceback.format_exception(error))
             self._logger.error(in_node_words(f"{kind}: {trace}"))
-
-
-def _frames(error: BaseException) -> list[object]:
-    """Where an error comes from, whatever it says."""
-    cause = error.__cause__
-    inner = [] if cause is None else _frames(cause)
-    trace = traceback.walk_tb(error.__traceback__)
-    return [type(error), *((frame.f_code, line) for frame, line in trace), *inner]
 
 
 def _on_one_line(words: str) -> str:

@@ -74,6 +74,12 @@ class FilteredPoints:
             self.padded | other.padded,
         )
 
+    def deepest(self) -> float:
+        """Metres by which points lie inside at most; infinite where too few do to tell."""
+        depths = self.apart[self.inside & np.isfinite(self.apart)]
+        few = len(depths) < FEWEST_INSIDE
+        return np.inf if few else max(OWN_M, float(np.percentile(depths, TAIL_PERCENT)))
+
     def own(self) -> Mask:
         """(n,) those that are of the surfaces, or inside: no farther off than what is measured of
         them is.
@@ -211,6 +217,8 @@ def near_points(
     grasp only what lies on it in that grasp is its own. As it may be nearer than the margins that
     the arm keeps, it is moved off the robot, straight, to where the arm can just leave from: by
     less than the margin, so that what keeps the margin from it there does not meet it where it is.
+    What lies twice as deep in the object in one grasp as anything does in some other one, and on
+    none of these surfaces, is a thing that stands there: the object is not held like that.
 
     Args:
         points: (n, 3) metres.
@@ -241,10 +249,16 @@ def near_points(
     others = of_robot.padded & ~beside_held & ~of_robot.own()
     common = _pushed(things(others), (robot,), clear)
     aside = {}
+    # of the grasp that the object is in its own points tell how deep any of them lie
+    spread = 2.0 * min((look.deepest() for look in of_grasps.values()), default=np.inf)
+    foreign = ~of_robot.own()
+    for look in of_grasps.values():
+        foreign &= look.apart > spread
     # with the object in one grasp only what lies on it there is its own
     for grasp, look in of_grasps.items():
         others = beside_held & ~of_robot.joined(look).own()
-        aside[grasp] = _pushed(things(others), (robot, held[grasp]), clear)
+        pushed = _pushed(things(others), (robot, held[grasp]), clear)
+        aside[grasp] = np.vstack([pushed, things(foreign & look.inside)])
     kept[around] = ~(of_robot.padded | beside_held)
     return kept, NearPoints(common, aside, int((~kept).sum()))
 

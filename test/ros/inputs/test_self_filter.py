@@ -1,4 +1,5 @@
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
 
@@ -72,3 +73,21 @@ def test_only_what_is_on_the_surface_as_far_as_can_be_told_is_the_robot(robot, d
     left = {tuple(p) for p in near.common.round(6)}
     assert all(tuple(p) in left for p in rod.round(6))
     assert len(near.common) < len(rod) + 5
+
+
+def test_what_stands_within_the_object_as_another_grasp_has_it_rules_that_grasp_out(robot):
+    rng = np.random.default_rng(0)
+    surface = trimesh.Trimesh(BOX.vertices, BOX.triangles).sample(5000, seed=0)
+    side, up = BOX.vertices[:, 0].max(), np.array([0.0, 0.0, 2.0])
+    rod = np.array([[side + 0.007, 0.0, z] for z in np.arange(-0.02, 0.02, 0.001)])
+    points = np.vstack([surface + rng.normal(0.0, 0.0005, surface.shape), rod]) + up
+    held = {
+        ("arm", grasp): Outline.of_object(BOX, pin.SE3(np.eye(3), np.array([x, 0.0, 2.0])), 0.02)
+        for grasp, x in enumerate((0.0, 0.015))
+    }
+    nothing = Outline.of_robot(robot, np.zeros(1), 0.02)
+    _, near = near_points(points, nothing, held, 0.005, GridSettings())
+    true, other = (near.of_grasps["arm", grasp] for grasp in (0, 1))
+    assert not held["arm", 0].look(true).inside.any()
+    within = held["arm", 1].look(other).inside
+    assert {tuple(p) for p in other[within].round(6)} == {tuple(p) for p in (rod + up).round(6)}
