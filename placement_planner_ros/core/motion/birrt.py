@@ -29,7 +29,6 @@ from placement_planner_ros.core.types import Array
 
 _FORWARD = 0
 _ANY_BACKWARD = -1
-_BLOCK_NODES = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,29 +83,21 @@ def _nearest_node(
     Args:
         nodes: (dof, capacity), one column per node, so that the inner loops vectorise.
     """
-    distances = np.empty(_BLOCK_NODES)
+    # Squared distances, joint by joint.
+    distances = np.zeros(count)
+    for j in range(nodes.shape[0]):
+        row = nodes[j, :count]
+        x = q[j]
+        for i in range(count):
+            d = row[i] - x
+            distances[i] += d * d
+    # The nearest with the label.
     best = np.inf
     arg = -1
-    # A block of nodes at a time.
-    for low in range(0, count, _BLOCK_NODES):
-        size = min(_BLOCK_NODES, count - low)
-        d2 = distances[:size]
-        d2[:] = 0.0
-        block_labels = labels[low : low + size]
-        # Squared distances of the block, joint by joint.
-        for j in range(nodes.shape[0]):
-            row = nodes[j, low : low + size]
-            x = q[j]
-            for i in range(size):
-                d = row[i] - x
-                d2[i] += d * d
-        # The nearest with the label.
-        for i in range(size):
-            if d2[i] < best:
-                of_interest = block_labels[i] == label or (label < 0 and block_labels[i] > 0)
-                if of_interest:
-                    best = d2[i]
-                    arg = low + i
+    for i in range(count):
+        if distances[i] < best and (labels[i] == label or (label < 0 and labels[i] > 0)):
+            best = distances[i]
+            arg = i
     return arg
 
 

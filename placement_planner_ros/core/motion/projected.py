@@ -18,8 +18,6 @@ _SHORTEST_SHARE = 0.01
 """Share of the longest step below which no shorter one is tried."""
 _PROGRESS_SHARE = 0.05
 """Share of a step's length that it must come nearer to its target."""
-_DETOUR_STEPS = 2.0
-"""Times a step's length that its projection may be away."""
 
 
 class Constraint(Protocol):
@@ -72,12 +70,11 @@ class ProjectedSteps:
                     self._length = length
                     return target, True
             else:
-                # A step towards the target, projected, if it comes nearer and strays little.
+                # A step towards the target, projected, if it comes nearer.
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
                     and _norm_of(target - near) <= distance - _PROGRESS_SHARE * length
-                    and _norm_of(near - q) <= _DETOUR_STEPS * length
                     and self.constraint.keeps(q, near)
                 ):
                     self._length = length

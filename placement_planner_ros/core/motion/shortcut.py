@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from placement_planner_ros.core.motion.birrt import GoalSetRRTSettings
 from placement_planner_ros.core.motion.projected import (
     Constraint,
     ProjectedSteps,
@@ -13,8 +14,6 @@ from placement_planner_ros.core.motion.projected import (
 )
 from placement_planner_ros.core.types import Array
 
-_PROJECTED_STEP = 1.2
-"""Length of steps along a constraint at most."""
 _CONSTRAINED_ATTEMPTS = 4
 """Times as many attempts along a constraint, whose shortcuts soon fail or are short."""
 
@@ -62,7 +61,7 @@ def shorten_path(
     # Along a constraint, shortcuts are walked.
     along = None
     if constraint is not None:
-        along = ProjectedSteps(constraint, _PROJECTED_STEP)
+        along = ProjectedSteps(constraint, GoalSetRRTSettings().max_step)
         attempts *= _CONSTRAINED_ATTEMPTS
     # Independent tries, of which the shortest is taken.
     for child in rng.spawn(tries):

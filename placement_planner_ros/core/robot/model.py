@@ -16,7 +16,7 @@ from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.robot.geometry import (
     CoverMaker,
     LinkCover,
-    MeshFiles,
+    MeshReader,
     PackageDirs,
     build_geometry,
     make_covers,
@@ -24,7 +24,6 @@ from placement_planner_ros.core.robot.geometry import (
 from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.joint_space import JointSpace
 from placement_planner_ros.core.types import ROUNDING, Array
-from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -64,7 +63,7 @@ class Robot(JointSpace):
     def from_urdf(
         cls,
         urdf_text: str,
-        package_dirs: PackageDirs | MeshFiles = (),
+        package_dirs: PackageDirs | MeshReader = (),
         srdf: str | None = None,
         joint_limits: Mapping[str, JointLimit] | None = None,
         cover: CoverMaker = make_covers,
@@ -74,8 +73,8 @@ class Robot(JointSpace):
         Args:
             urdf_text: the URDF itself, not a path.
             package_dirs: where `package://` URIs lead: package name -> share folder, or folders
-                that hold packages (or that mesh paths are relative to), or what finds and reads
-                mesh files.
+                that hold packages (or that mesh paths are relative to), or what reads the mesh
+                of a URI.
             srdf: text that lists disabled collisions; without it they are derived
                 (`derive_allowed_pairs`).
             joint_limits: what else is stated of joints (`read_joint_limits`).
@@ -218,7 +217,8 @@ class Robot(JointSpace):
         """
         data = data or self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        return [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in _shapes_of(self)]
+        shapes = self.geometry.geometryObjects
+        return [data.oMi[shape.parentJoint] * shape.placement for shape in shapes]
 
     def joints_to(self, link: str) -> tuple[str, ...]:
         """Joints whose values the pose of a link depends on; none of them mimics another.
@@ -275,9 +275,3 @@ class Robot(JointSpace):
             for i in sorted(carried)
             if self.model.frames[i].type == pin.FrameType.BODY
         )
-
-
-@weak_lru_cache("robot", maxsize=1)
-def _shapes_of(robot: Robot) -> list[tuple[int, pin.SE3]]:
-    """Of each of geometry.geometryObjects the joint that carries it, and T_joint_geometry."""
-    return [(g.parentJoint, pin.SE3(g.placement)) for g in robot.geometry.geometryObjects]

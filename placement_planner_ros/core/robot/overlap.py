@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
@@ -17,31 +17,13 @@ from placement_planner_ros.core.types import ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 if TYPE_CHECKING:
+    from placement_planner_ros.core.body.covered_mesh import CoveredMesh
     from placement_planner_ros.core.robot.geometry import LinkMesh
     from placement_planner_ros.core.robot.model import Robot
 
 _CUBE = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 _DIRECTIONS = _CUBE / np.linalg.norm(_CUBE, axis=1)[:, None]
 """(26, 3) unit vectors to the faces, edges and corners of a cube."""
-
-
-class Mesh(Protocol):
-    """A mesh that is not convex.
-
-    Attributes:
-        vertices: (n, 3) metres.
-        triangles: (t, 3) rows of vertices.
-    """
-
-    @property
-    def vertices(self) -> Array:
-        """(n, 3) metres."""
-        ...
-
-    @property
-    def triangles(self) -> npt.NDArray[np.int64]:
-        """(t, 3) rows of vertices."""
-        ...
 
 
 def meet(
@@ -71,7 +53,9 @@ class Overlaps:
     """
 
     def __init__(
-        self, shapes: Sequence[coal.CollisionGeometry], meshes: Sequence[Mesh | None]
+        self,
+        shapes: Sequence[coal.CollisionGeometry],
+        meshes: Sequence[LinkMesh | CoveredMesh | None],
     ) -> None:
         self.shapes = list(shapes)
         for shape in self.shapes:
@@ -161,7 +145,7 @@ def link_meshes(robot: Robot) -> list[LinkMesh | None]:
 
 
 @weak_lru_cache("mesh", maxsize=1)
-def _piece_points(mesh: Mesh) -> Array:
+def _piece_points(mesh: LinkMesh | CoveredMesh) -> Array:
     """(n, 3) a point of each connected piece, the largest pieces first: no more of them than an
     object may have."""
     pieces = Components.of(mesh.vertices, mesh.triangles)
@@ -169,7 +153,7 @@ def _piece_points(mesh: Mesh) -> Array:
     return np.asarray(pieces.corners[first[np.argsort(-size, kind="stable")[:MAX_PIECES]], 0])
 
 
-def _goes_around(mesh: Mesh, point: Array) -> bool:
+def _goes_around(mesh: LinkMesh | CoveredMesh, point: Array) -> bool:
     """Whether a mesh goes around a point (3,): all of it where closed, by more than half the view
     where it is open."""
     # The solid angle of each triangle, added up.

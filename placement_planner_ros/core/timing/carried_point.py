@@ -21,12 +21,10 @@ from toppra.interpolator import AbstractGeometricPath
 from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
 from placement_planner_ros.core.reach.reach_bound import lever_arms
 from placement_planner_ros.core.timing.quintic import halved_pieces
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import ROUNDING, Array
 
 _BOUND_SLACK = 0.01
 """By which, as a share, the bound may be above what is reached."""
-_STILL_M_PER_S2 = 1e-9
-"""m/s² that is nothing."""
 _DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _FACETS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """(26, 3) normals of the polytope that stands in for a ball."""
@@ -145,7 +143,7 @@ class CarriedPoint:
             second = 4.0 * np.diff(first, axis=1) / h[:, None, None]
             third = 3.0 * np.diff(second, axis=1) / h[:, None, None]
             # What is reached in the middle of each piece.
-            middle = [_curve_middles(values) for values in (points, first, second)]
+            middle = [halved_pieces(values)[::2, -1] for values in (points, first, second)]
             reached = np.linalg.norm(self.derivatives(*middle)[1], axis=1)
             most = max(most, float(reached.max()))
             # Bounds of speed, acceleration and jerk of each joint; W and A of all up to each joint.
@@ -155,9 +153,9 @@ class CarriedPoint:
             # How fast p'' may change over a piece, by each joint's lever.
             change = (jerk + turning) @ self._levers
             # Go on with pieces that may exceed the most seen.
-            open_ones = reached + 0.5 * h * change > (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
+            open_ones = reached + 0.5 * h * change > (1.0 + _BOUND_SLACK) * most + ROUNDING
             points, h = halved_pieces(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
-        return (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
+        return (1.0 + _BOUND_SLACK) * most + ROUNDING
 
 
 class PointAccelerationConstraint(LinearConstraint):
@@ -186,10 +184,3 @@ class PointAccelerationConstraint(LinearConstraint):
         return canlinear_colloc_to_interpolate(
             first, second, none, _FACETS, within, None, None, gridpoints, identical=True
         )
-
-
-def _curve_middles(points: Array) -> Array:
-    """(m, dof) of Bézier curves (m, degree + 1, dof) in their middle."""
-    while points.shape[1] > 1:
-        points = 0.5 * (points[:, :-1] + points[:, 1:])
-    return points[:, 0]

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import BPoly
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.types import Array, Trajectory
-
-DEVIATION_ROUNDING_RAD = 1e-9
-"""Radians added to every deviation, far above what floating point loses."""
+from placement_planner_ros.core.types import ROUNDING, Array, Trajectory
 
 
 def control_points(
@@ -31,22 +29,20 @@ def control_points(
     return np.stack([p, p + v, p + 2.0 * v + a, q - 2.0 * w + b, q - w, q], axis=1)
 
 
+def curve_points(trajectory: Trajectory) -> Array:
+    """Bézier control points (n-1, 6, dof) of what a controller plays between its n points."""
+    return control_points(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
+
+
 def positions_at(trajectory: Trajectory, t: Array) -> Array:
     """Positions (k, dof) at times t (k,); before the first and after the last point as there."""
     times = trajectory.times
     if len(times) == 1:
         return np.zeros((len(t), len(trajectory.joints))) + trajectory.positions[0]
-    # The piece at each time, and where in it, from 0 to 1.
-    inside = np.clip(t, times[0], times[-1])
-    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
-    x = ((inside - times[piece]) / np.diff(times)[piece])[:, None, None]
-    points = control_points(
-        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )[piece]
-    # De Casteljau's scheme.
-    while points.shape[1] > 1:
-        points = (1.0 - x) * points[:, :-1] + x * points[:, 1:]
-    return points[:, 0]
+    curve = BPoly(curve_points(trajectory).swapaxes(0, 1), times)
+    return np.asarray(curve(np.clip(t, times[0], times[-1])))
 
 
 def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -63,7 +59,7 @@ def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajector
     # Where both meet.
     for name in ("positions", "velocities", "accelerations"):
         end, start = getattr(first, name)[-1], getattr(second, name)[0]
-        if not np.allclose(end, start, rtol=0.0, atol=DEVIATION_ROUNDING_RAD):
+        if not np.allclose(end, start, rtol=0.0, atol=ROUNDING):
             raise ParameterError(name, start.tolist(), f"must start at {end.tolist()}")
     return Trajectory(
         first.joints,
@@ -124,9 +120,7 @@ def chord_deviation(points: Array) -> tuple[Array, int]:
     squared = float(chord @ chord)
     along = np.clip(flat @ chord / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(flat))
     away = np.abs(flat - along[:, None] * chord)
-    return away.max(axis=0) + DEVIATION_ROUNDING_RAD, int(
-        away.max(axis=1).argmax()
-    ) // points.shape[1]
+    return away.max(axis=0) + ROUNDING, int(away.max(axis=1).argmax()) // points.shape[1]
 
 
 def first_uncertified(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PPoly
+from scipy.interpolate import BPoly, PPoly
 
 from placement_planner_ros.core.timing.quintic import control_points
 from placement_planner_ros.core.types import Array
@@ -30,19 +30,18 @@ def rounded_polyline(waypoints: Array, cuts: Array) -> PPoly:
     # Lengths and directions of the segments.
     steps = np.diff(waypoints, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    coefficients, spans = [], []
+    pieces, spans = [], []
     for i, direction in enumerate(steps / lengths[:, None]):
-        # The blend at the segment's start, as a polynomial.
+        # The blend at the segment's start.
         if cuts[i] > 0.0:
-            blend = blend_control_points(waypoints, cuts, i)
-            coefficients.append(_power_basis(blend, 2.0 * cuts[i]))
+            pieces.append(blend_control_points(waypoints, cuts, i))
             spans.append(2.0 * cuts[i])
         # What is left of the segment between both cuts.
-        line = np.zeros((6, waypoints.shape[1]))
-        line[4:] = direction, waypoints[i] + cuts[i] * direction
-        coefficients.append(line)
+        ends = waypoints[i] + cuts[i] * direction, waypoints[i + 1] - cuts[i + 1] * direction
+        pieces.append(np.linspace(*ends, 6))
         spans.append(lengths[i] - cuts[i] - cuts[i + 1])
-    return PPoly(np.stack(coefficients, axis=1), np.concatenate([[0.0], np.cumsum(spans)]))
+    breaks = np.concatenate([[0.0], np.cumsum(spans)])
+    return PPoly.from_bernstein_basis(BPoly(np.stack(pieces, axis=1), breaks))
 
 
 def blend_control_points(waypoints: Array, cuts: Array, corner: int) -> Array:
@@ -72,14 +71,3 @@ def largest_cuts(waypoints: Array, deviation: float) -> Array:
     cuts[1:-1] = np.minimum(room, deviation / (_DEVIATION_PER_CUT * np.maximum(turns, 1e-12)))
     cuts[1:-1][(directions[:-1] * directions[1:]).sum(axis=1) < _SHARPEST] = 0.0
     return cuts
-
-
-def _power_basis(points: Array, span: float) -> Array:
-    """Coefficients (6, dof), highest power first, in s ∈ [0, span] of a Bézier quintic."""
-    d, binomial = points, np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
-    coefficients = np.empty_like(points)
-    # Differences of the control points, order by order.
-    for k in range(6):
-        coefficients[5 - k] = binomial[k] * d[0] / span**k
-        d = np.diff(d, axis=0)
-    return coefficients

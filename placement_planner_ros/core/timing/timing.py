@@ -27,6 +27,7 @@ from placement_planner_ros.core.timing.carried_point import (
 from placement_planner_ros.core.timing.quintic import (
     concatenate_trajectories,
     control_points,
+    curve_points,
     first_uncertified,
     limit_ratio,
 )
@@ -35,14 +36,10 @@ from placement_planner_ros.core.timing.rounding import (
     largest_cuts,
     rounded_polyline,
 )
-from placement_planner_ros.core.types import Array, Trajectory
-
-__all__ = ["CurveSettings", "concatenate_trajectories", "parameterize_path"]
+from placement_planner_ros.core.types import ROUNDING, Array, Trajectory
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
-_SAME_WAYPOINT_RAD = 1e-9
-"""rad between waypoints, over all joints, below which they are one."""
 _BLENDING_ROUNDS = 12
 """Timed curves tried, each with smaller blends than the one before, the last with none."""
 _BLEND_SIZES = 5
@@ -127,14 +124,16 @@ def parameterize_path(
             cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
         elif round_ == _BLENDING_ROUNDS - 1:
             cuts = np.zeros_like(cuts)
-        timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings, carried)
+        if should_stop():
+            return None
+        timed = _timed_curve(waypoints, cuts, tuple(joints), limits, settings, carried)
         if timed is None:
             return None
         # Certify the curve piece by piece.
-        points = control_points(*timed)
+        points = curve_points(timed)
         failed = first_uncertified(points, free_until_stopped, settings.chord_tolerance)
         if failed is None:
-            return Trajectory(tuple(joints), *timed)
+            return timed
         # The corner nearest to the piece that was refused.
         distance = np.linalg.norm(waypoints - points[failed].mean(axis=0), axis=1)
         distance[cuts == 0.0] = np.inf
@@ -152,7 +151,7 @@ def _distinct_waypoints(path: Array) -> Array:
     """The waypoints less those that repeat their predecessor; both ends stay exact."""
     kept = [path[0]]
     for q in path[1:]:
-        if np.linalg.norm(q - kept[-1]) > _SAME_WAYPOINT_RAD:
+        if np.linalg.norm(q - kept[-1]) > ROUNDING:
             kept.append(q)
     if len(kept) > 1:
         kept[-1] = path[-1]
@@ -179,27 +178,22 @@ def _certified_cuts(
 def _timed_curve(
     waypoints: Array,
     cuts: Array,
+    joints: tuple[str, ...],
     limits: Array,
     settings: CurveSettings,
     carried: CarriedPoint | None,
-) -> tuple[Array, Array, Array, Array] | None:
-    """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
+) -> Trajectory | None:
+    """The timed curve; at rest at both ends and where cuts are 0."""
+    timed: Trajectory | None = None
     # From stop to stop.
-    stops = np.flatnonzero(cuts == 0.0)
-    stretches = []
-    for i, j in pairwise(stops):
-        stretch = _timed_stretch(waypoints[i : j + 1], cuts[i : j + 1], limits, settings, carried)
+    for i, j in pairwise(np.flatnonzero(cuts == 0.0)):
+        among = slice(i, j + 1)
+        stretch = _timed_stretch(waypoints[among], cuts[among], limits, settings, carried)
         if stretch is None:
             return None
-        stretches.append(stretch)
-    # One after the other, each without its first point, which is the last one's end.
-    times, positions, velocities, accelerations = stretches[0]
-    for t, q, v, a in stretches[1:]:
-        times = np.concatenate([times, times[-1] + t[1:]])
-        positions = np.concatenate([positions, q[1:]])
-        velocities = np.concatenate([velocities, v[1:]])
-        accelerations = np.concatenate([accelerations, a[1:]])
-    return times, positions, velocities, accelerations
+        piece = Trajectory(joints, *stretch)
+        timed = piece if timed is None else concatenate_trajectories(timed, piece)
+    return timed
 
 
 def _timed_stretch(
@@ -212,11 +206,9 @@ def _timed_stretch(
     """One stretch from rest to rest; sampled more finely where that makes it faster."""
     # The time-optimal profile, on finer grids where none is found.
     curve = rounded_polyline(waypoints, cuts)
-    profile = None
-    for refinement in (1, 2, 4):
-        profile = _fastest_profile(curve, _path_grid(curve, refinement), limits, carried)
-        if profile is not None:
-            break
+    grids = (_path_grid(curve, refinement) for refinement in (1, 2, 4))
+    profiles = (_fastest_profile(curve, grid, limits, carried) for grid in grids)
+    profile = next((each for each in profiles if each is not None), None)
     if profile is None:
         return None
     # How far the jerk is smoothed, and between how many points.

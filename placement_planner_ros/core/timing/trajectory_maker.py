@@ -14,8 +14,8 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import ANGULAR_ACCELERATION
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.carried_point import CarriedPoint
-from placement_planner_ros.core.timing.quintic import control_points
-from placement_planner_ros.core.timing.timing import concatenate_trajectories, parameterize_path
+from placement_planner_ros.core.timing.quintic import concatenate_trajectories, curve_points
+from placement_planner_ros.core.timing.timing import parameterize_path
 from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 
@@ -135,32 +135,18 @@ class TrajectoryMaker:
             return holding.timed_free(a, b, deviation, contact=True)
 
         joints, carried = holding.arm.joints, self._carried(holding)
-        transit = parameterize_path(
-            path,
-            joints,
-            limits,
-            holding.timed_free,
-            should_stop,
-            carried,
-        )
+        transit = parameterize_path(path, joints, limits, holding.timed_free, should_stop, carried)
         if transit is None:
             return None
         # The approach, slower, with contact allowed.
         slow = settings.approach_scaling * limits
         approach = parameterize_path(
-            goal.approach,
-            joints,
-            slow,
-            approach_free,
-            should_stop,
-            carried,
+            goal.approach, joints, slow, approach_free, should_stop, carried
         )
         if approach is None:
             return None
         # The timed approach stays on its line.
-        curve = control_points(
-            approach.times, approach.positions, approach.velocities, approach.accelerations
-        )
+        curve = curve_points(approach)
         if not holding.comes_straight_down(curve, goal.T_world_object, np.array(goal.opening)):
             return None
         # The retreat, if there is one.

@@ -158,7 +158,7 @@ class RobotInput:
 
     def _read(self, urdf: str, srdf: str | None, meshes: _MeshCovers) -> Robot:
         try:
-            robot = Robot.from_urdf(urdf, meshes, srdf, self._limits, meshes.covers)
+            robot = Robot.from_urdf(urdf, meshes.read, srdf, self._limits, meshes.covers)
             frame = self._frame
             return robot if not frame or frame == robot.root_link else robot.seen_from(frame)
         except RobotError as error:
@@ -187,14 +187,10 @@ class _MeshCovers:
         self._trusted = trusted
         self.beside = beside
 
-    def find(self, uri: str) -> Path:
-        """The file that a mesh's URI names."""
+    def read(self, uri: str) -> tuple[Array, Triangles]:
+        """Vertices and triangles of the mesh that a URI names."""
         path = self._files.find(uri, trusted=self._trusted, beside=self.beside)
         check_header(path)
-        return path
-
-    def read(self, path: Path) -> tuple[Array, Triangles]:
-        """Vertices and triangles of a file."""
         if path.resolve().is_relative_to(share_path("urdf").resolve()):
             return read_mesh(path)  # the bundled robot's, known to be good
         return read_kept(self._process, path)
