@@ -87,8 +87,8 @@ def _added_depth(
 ) -> float:
     """How much deeper the first shape gets into the second, at a pose, than it begins, metres."""
     i, j = pair
-    # The depth at the beginning, and the greatest one on the way.
-    most = begun = overlaps.depth(i, j, places[0], at)
+    # The depth at the beginning, and the greatest one on the way; what hardly touches is not deep.
+    most = begun = overlaps.depth(i, j, places[0], at, beyond=0.1 * _ADDED_DEPTH_M)
     for place in places[1:]:
         told = max(begun + _ADDED_DEPTH_M, most)
         most = max(most, overlaps.depth(i, j, place, at, beyond=told))

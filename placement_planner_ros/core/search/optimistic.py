@@ -105,12 +105,12 @@ class OptimisticSampler(BatchSampler):
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first."""
-        graded, share = self.count.samples, self._settings.uniform_share
-        left = self._settings.uniform_first - graded
+        share = self._settings.uniform_share
+        left = self._settings.uniform_first - self.count.samples
         parts = np.empty(0, dtype=GRADED_CELL) if left > 0 else self._open_parts(best)
         # A placement takes as long as some thousands of samples: once there is one, the rest of the
         # grading is one batch.
-        count = max(self._budget.batch, min(graded, left) if best == -np.inf else left)
+        count = self._budget.batch if best == -np.inf else max(self._budget.batch, left)
         if len(parts):
             count = max(1, round(len(parts) * share / (1.0 - share)))
         # A pose in each part, and the coarse cells of uniform ones.
