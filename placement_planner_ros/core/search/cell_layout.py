@@ -17,7 +17,7 @@ Cells = npt.NDArray[np.void]
 """(n,) of that, or with further fields."""
 MAX_CELLS = 30_000
 """Cells that a search remembers."""
-CELLS_AT_ONCE = 16
+CELLS_AT_ONCE = 12
 """Cells that are split together: enough to make use of arrays, few enough to go deep."""
 _PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
