@@ -32,10 +32,8 @@ MAX_JOINT_STEP = 0.7
 """rad or m, largest change of a joint in an iteration."""
 
 STALL_ITERATIONS = 8
-"""Iterations within which the squared error must halve."""
-
-TRACK_ITERATIONS = 10
-"""Iterations per waypoint of `track_targets`, which starts next to its solution."""
+"""Iterations within which the squared error must halve, and within which a descent that starts next
+to its target must be there."""
 
 
 class IKArm(NamedTuple):
@@ -108,24 +106,8 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
         error[3], error[4], error[5] = scale * vx, scale * vy, scale * vz
     elif cosine > 0.0:
         error[3], error[4], error[5] = 0.5 * vx, 0.5 * vy, 0.5 * vz
-    else:  # half a turn: R = 2 a aᵀ - I, any sign of the axis a
-        # the column of R + I with the largest diagonal is the longest multiple of a
-        k = 0
-        if d1 > d0:
-            k = 1
-        if d2 > max(d0, d1):
-            k = 2
-        norm = 0.0
-        for a in range(3):
-            entry = 0.0
-            for c in range(3):
-                entry += target[a, c] * tip[k, c]
-            if a == k:
-                entry += 1.0
-            error[3 + a] = entry
-            norm += entry * entry
-        for a in range(3, 6):
-            error[a] *= math.pi / math.sqrt(norm)
+    else:  # half a turn: about which axis is seen once the first step is made
+        error[3], error[4], error[5] = math.pi, 0.0, 0.0
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -204,51 +186,26 @@ def solve_normal(scratch: IKScratch, damping: float) -> None:
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float) -> None:
-    """dq: the damped least squares' step for the error, no joint taken beyond a limit.
-
-    Joints at a limit that the gradient Jᵀ e presses against it stay. Of the others, those that the
-    step takes beyond a limit go up to it, what they then do not do is left to the rest, and so on.
-    """
+    """dq: the damped least squares' step for the error, without the joints at a limit that the
+    gradient Jᵀ e presses against it."""
     J, y, error, free, dq = scratch.J, scratch.y, scratch.error, scratch.free, scratch.dq
-    lower, upper = arm.lower, arm.upper
-    dof = len(q)
-    # joints that the error presses against their limit take no part
-    for i in range(dof):
+    for i in range(len(q)):
         gradient = 0.0
         for a in range(6):
             gradient += J[a, i] * error[a]
-        pressed = (q[i] <= lower[i] and gradient < 0.0) or (q[i] >= upper[i] and gradient > 0.0)
+        pressed = (q[i] <= arm.lower[i] and gradient < 0.0) or (
+            q[i] >= arm.upper[i] and gradient > 0.0
+        )
         free[i] = not pressed
+    # the damped step of the free joints
+    for a in range(6):
+        y[a] = error[a]
+    solve_normal(scratch, damping)
+    for i in range(len(q)):
         dq[i] = 0.0
-    for _ in range(dof):  # each round either ends or takes a joint to its limit
-        # the damped step of the free joints for what is left of the error
-        for a in range(6):
-            y[a] = error[a]
-        solve_normal(scratch, damping)
-        for i in range(dof):
-            if free[i]:
-                step = 0.0
-                for a in range(6):
-                    step += J[a, i] * y[a]
-                dq[i] = step
-        # those that it takes too far go up to their limit, and the error loses what that does
-        hit = False
-        for i in range(dof):
-            if free[i]:
-                rest = 0.0
-                if q[i] + dq[i] > upper[i]:
-                    rest = upper[i] - q[i]
-                elif q[i] + dq[i] < lower[i]:
-                    rest = lower[i] - q[i]
-                else:
-                    continue
-                hit = True
-                free[i] = False
-                dq[i] = rest
-                for a in range(6):
-                    error[a] -= J[a, i] * rest
-        if not hit:
-            break
+        if free[i]:
+            for a in range(6):
+                dq[i] += J[a, i] * y[a]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -371,7 +328,7 @@ def track_targets(
     other = np.empty(6)
     for n in range(len(targets)):
         # On to the next target, from the configuration before.
-        if not descend_to_target(arm, targets[n], q, TRACK_ITERATIONS, scratch):
+        if not descend_to_target(arm, targets[n], q, STALL_ITERATIONS, scratch):
             return False
         path[n] = q
         # No joint may have moved too far; half-way in the joints.

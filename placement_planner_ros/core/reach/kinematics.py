@@ -30,9 +30,6 @@ from placement_planner_ros.core.uncounted import Uncounted
 
 Flags = npt.NDArray[np.bool_]
 
-_REMEMBERED_CHAINS = 16
-"""How many chains are remembered."""
-
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
@@ -218,32 +215,6 @@ class Chain:
         q[arm.q_index] = 0.0
         return _make_chain(robot, arm, q.tobytes())
 
-    @classmethod
-    def _of(cls, robot: Robot, arm: Arm, q: Array) -> Chain:
-        model = robot.model
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, q)
-        # Frame of each joint with its axis along z.
-        prismatic, T_world_aligned = [], []
-        for index in arm.q_index:
-            joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
-            axis, slides = _joint_axis(model.joints[joint])
-            R_joint_aligned = _rotation_from_z(axis)
-            T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
-            prismatic.append(slides)
-        # Transforms from each to the next, the tip last.
-        T_world_tip = data.oMf[robot.frame_id(arm.tip_frame)]
-        T_world = [pin.SE3.Identity(), *T_world_aligned, T_world_tip]
-        fixed = [(a.inverse() * b).homogeneous for a, b in itertools.pairwise(T_world)]
-        return cls(
-            joints=arm.joints,
-            fixed=np.array(fixed),
-            prismatic=np.array(prismatic),
-            lower=arm.lower,
-            upper=arm.upper,
-            ties=arm.ties,
-        )
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self._content == other._content
 
@@ -306,23 +277,22 @@ class Chain:
         return out
 
 
-@functools.lru_cache(maxsize=_REMEMBERED_CHAINS)
+@functools.lru_cache(maxsize=16)
 def _make_chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
     """The chain with `arm` at zero and the rest of the robot as in q (nq,)."""
-    return Chain._of(robot, arm, np.frombuffer(q_zero))
-
-
-def _joint_axis(joint: pin.JointModel) -> tuple[Array, bool]:
-    """Axis in the joint frame, and whether the joint slides along it."""
-    data = joint.createData()
-    # calc reads its own coordinates out of the whole robot's, without a check of their length
-    joint.calc(data, np.zeros(joint.idx_q + joint.nq), np.ones(joint.idx_v + joint.nv))
-    motion = np.asarray(data.S).reshape(6)
-    linear, angular = motion[:3], motion[3:]
-    slides = bool(np.linalg.norm(linear) > np.linalg.norm(angular))
-    return (linear if slides else angular), slides
-
-
-def _rotation_from_z(axis: Array) -> Array:
-    """A rotation (3, 3) that takes z to the unit axis."""
-    return np.asarray(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix())
+    model, data, q = robot.model, robot.model.createData(), np.frombuffer(q_zero)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    prismatic = np.isin(arm.joints, list(robot.prismatic))
+    # The frame of each joint turned so that its axis, which its Jacobian has, is along z.
+    frames = [pin.SE3.Identity()]
+    for index, slides in zip(arm.q_index.tolist(), prismatic, strict=True):
+        axis = data.J[:3, index] if slides else data.J[3:, index]
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        across /= np.linalg.norm(across)
+        R = np.column_stack([across, np.cross(axis, across), axis])
+        frames.append(pin.SE3(R, data.oMi[index + 1].translation))  # joint 0 is the universe
+    frames.append(data.oMf[robot.frame_id(arm.tip_frame)])
+    # Transforms from each to the next, the tip last.
+    fixed = [(a.inverse() * b).homogeneous for a, b in itertools.pairwise(frames)]
+    return Chain(arm.joints, np.array(fixed), prismatic, arm.lower, arm.upper, arm.ties)

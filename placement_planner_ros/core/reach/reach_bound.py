@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import ROUNDING, Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,7 @@ class ReachBound:
     @classmethod
     def of(cls, chain: Chain) -> ReachBound:
         """The bound of a chain, remembered."""
-        arrays = (chain.fixed, chain.prismatic, chain.lower, chain.upper)
-        return _make_reach_bound(chain.dof, *(np.asarray(array).tobytes() for array in arrays))
+        return _make_reach_bound(chain)
 
     def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
         """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
@@ -54,15 +53,11 @@ def lever_arms(chain: Chain, points: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _make_reach_bound(
-    dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes
-) -> ReachBound:
+def _make_reach_bound(chain: Chain) -> ReachBound:
     # A joint that slides stands in the middle of its range.
-    frames = np.frombuffer(fixed).reshape(-1, 4, 4)
-    sliding = np.frombuffer(prismatic, dtype=np.bool_)
-    low, high = np.frombuffer(lower), np.frombuffer(upper)
-    middle = np.where(sliding, 0.5 * (low + high), 0.0)
-    half = np.where(sliding, 0.5 * (high - low), 0.0)
+    frames = chain.fixed
+    middle = np.where(chain.prismatic, 0.5 * (chain.lower + chain.upper), 0.0)
+    half = np.where(chain.prismatic, 0.5 * (chain.upper - chain.lower), 0.0)
 
     def gaps(along: Array) -> Array:
         """(dof - 1, 3) vectors between points at `along` on consecutive axes."""
@@ -76,7 +71,7 @@ def _make_reach_bound(
         return float(np.linalg.norm(gaps(along), axis=1).sum())
 
     # Points on the axes with the least way through them, further than which the arm never reaches.
-    along = np.asarray(minimize(total, np.zeros(dof), method="Powell").x).reshape(-1)
+    along = np.asarray(minimize(total, np.zeros(chain.dof), method="Powell").x).reshape(-1)
     T_last_tip = frames[-1]
     on_last = np.array([0.0, 0.0, along[-1]])
     on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
@@ -84,5 +79,5 @@ def _make_reach_bound(
     return ReachBound(
         shoulder=(frames[0] @ on_first)[:3],
         wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),
-        length=total(along) + float(half.sum()) + 1e-9,
+        length=total(along) + float(half.sum()) + ROUNDING,
     )

@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 
 from placement_planner_ros.core.reach.ik_kernels import (
+    MIN_DAMPING_M2,
+    STALL_ITERATIONS,
     IKArm,
     IKScratch,
     configurations_differ,
@@ -24,12 +26,6 @@ from placement_planner_ros.core.reach.ik_kernels import (
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
-
-CORRECTION_ITERATIONS = 6
-"""Iterations at most that lead back onto the pose after a step."""
-
-REGULARIZATION_M2 = 1e-9
-"""Added to J Jᵀ, m²: singular configurations stay solvable."""
 
 MIN_TANGENT_LENGTH = 0.05
 """Length below which what the null space leaves of a unit vector is no direction."""
@@ -54,7 +50,7 @@ def _project_to_null_space(arm: IKArm, tangent: Array, scratch: IKScratch) -> bo
             y[a] += J[a, i] * tangent[i]
     # The joint motion of least norm that does the same, all joints taking part.
     scratch.free[:] = True
-    solve_normal(scratch, REGULARIZATION_M2)
+    solve_normal(scratch, MIN_DAMPING_M2)
     # Take it off the tangent; followers move as their masters do.
     for i in range(dof):
         for a in range(6):
@@ -141,7 +137,7 @@ def _walk_self_motion(
             ahead[i] = min(max(last[i] + length * tangent[i], lower[i]), upper[i])
             q[i] = ahead[i]
         # Back onto the pose, and not far along it: else it may be another curve.
-        reached = descend_to_target(arm, target, q, CORRECTION_ITERATIONS, scratch)
+        reached = descend_to_target(arm, target, q, STALL_ITERATIONS, scratch)
         strayed = 0.0
         for i in range(dof):
             strayed = max(strayed, abs(q[i] - ahead[i]))

@@ -29,13 +29,9 @@ _UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: the turntable's axis is -z of the face."""
 
 
-POSE_DIMENSIONS = 6
-"""In which a body can be moved: along three axes, and about them."""
-
-
 def lacks_directions(chain: Chain) -> bool:
-    """Whether the joints move the tip in fewer directions than there are."""
-    return chain.freedom < POSE_DIMENSIONS
+    """Whether the joints move the tip in fewer directions than the six that there are."""
+    return chain.freedom < 6
 
 
 class Turntable:
