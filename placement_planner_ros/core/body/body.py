@@ -57,7 +57,7 @@ class Body:
     @property
     def parts(self) -> tuple[ConvexPart, ...]:
         """Convex parts whose union holds the object: those that cover `mesh` hold more."""
-        return self.solids if self.mesh is None else self.solids + self.mesh.parts
+        return self.solids if self.mesh is None else self.solids + self.mesh.cover.parts
 
     @classmethod
     def from_mesh(
@@ -94,12 +94,10 @@ class Body:
         components = Components.of(points, faces, weld=False)
         if not components.closed.all():
             components = Components.of(points, faces)
-        if len(components.closed) > MAX_PIECES:
-            raise ObjectError(
-                "object",
-                f"{len(components.closed)} pieces",
-                f"an object may have {MAX_PIECES} connected pieces",
-            )
+        count = len(components.closed)
+        if count > MAX_PIECES:
+            what = f"an object may have {MAX_PIECES} connected pieces"
+            raise ObjectError("object", f"{count} pieces", what)
         try:
             hull = polytope_of(points)
         except QhullError as error:
@@ -182,22 +180,16 @@ def _size_in_words(points: Array, scale: float) -> str:
 def _cover_in_words(
     components: Components, convex: list[ConvexPart], mesh: CoveredMesh | None
 ) -> str:
-    count = len(convex) + (0 if mesh is None else len(mesh.parts))
+    count = len(convex) + (0 if mesh is None else len(mesh.cover.parts))
     words = f"{_in_number(len(components.closed), 'piece')} in {_in_number(count, 'convex part')}"
-    if mesh is not None:
-        reach = "reaches" if count == 1 else "reach"
-        words += f" that {reach} up to {mesh.cover.excess:.2g} m beyond it"
-    return words
+    return words + (f", up to {mesh.cover.excess:.2g} m beyond it" if mesh is not None else "")
 
 
 def _rests_in_words(faces: tuple[PlacementFace, ...], left_out: int) -> str:
-    rolling = sum(face.rolls for face in faces)
-    words = _in_number(len(faces), "rest")
-    if rolling:
-        words += f", from {rolling} of which it could roll"
-    if left_out:
-        words += f", and {left_out} from which it could roll left out (`allow_rolling`)"
-    return words
+    words, rolling = _in_number(len(faces), "rest"), sum(face.rolls for face in faces)
+    words += f", from {rolling} of which it could roll" if rolling else ""
+    out = f", and {left_out} from which it could roll left out (`allow_rolling`)"
+    return words + (out if left_out else "")
 
 
 def _in_number(number: int, what: str) -> str:

@@ -42,30 +42,28 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     """
     points = touching_points(body, face)
     # Triangles that touch with all three corners.
-    depths = float(face.vertices[0] @ face.normal) - body.vertices @ face.normal
-    flat = body.triangles[(depths[body.triangles] <= body.flatness).all(axis=1)]
-    T = face.T_face_object
-    in_plane = (body.vertices @ T.rotation.T + T.translation)[:, :2]
-    return ContactPoints(
-        points,
-        _thinned_rows(points, SPREAD_POINTS),
-        _room_around(points, in_plane, flat),
-    )
+    placed = _placed_vertices(body, face)
+    flat = body.triangles[(placed[:, 2] <= body.flatness)[body.triangles].all(axis=1)]
+    room = _room_around(points, placed[:, :2], flat)
+    return ContactPoints(points, _thinned_rows(points, SPREAD_POINTS), room)
 
 
 def touching_points(body: Body, face: PlacementFace) -> Array:
     """(k, 2) `ContactPoints.points` alone."""
     # Points of all triangles that come near, then those that do themselves.
-    plane = float(face.vertices[0] @ face.normal)
-    near = (plane - body.vertices @ face.normal)[body.triangles].min(axis=1) <= body.flatness
-    corners = body.vertices[body.triangles[near]]
-    found = np.concatenate([np.zeros((0, 3)), *surface_points(corners, SPACING_M)])
-    found = found[plane - found @ face.normal <= body.flatness]
-    # In the plane, each once, and no more than are needed.
-    T = face.T_face_object
-    points = (found @ T.rotation.T + T.translation)[:, :2]
+    corners = _placed_vertices(body, face)[body.triangles]
+    near = corners[corners[:, :, 2].min(axis=1) <= body.flatness]
+    found = np.concatenate([np.zeros((0, 3)), *surface_points(near, SPACING_M)])
+    points = found[found[:, 2] <= body.flatness, :2]
+    # Each once, and no more than are needed.
     points = points[equal_rows(points)[0]]
     return np.asarray(points[_thinned_rows(points, SPREAD_POINTS**2)])
+
+
+def _placed_vertices(body: Body, face: PlacementFace) -> Array:
+    """(n, 3) in the frame of the face, whose plane is at 0."""
+    T = face.T_face_object
+    return np.asarray(body.vertices @ T.rotation.T + T.translation)
 
 
 def _room_around(points: Array, corners: Array, triangles: Index) -> Array:

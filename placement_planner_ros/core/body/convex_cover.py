@@ -8,7 +8,6 @@ bounded by cells: no part meets one that holds a point further away than `Cover.
 
 from __future__ import annotations
 
-import heapq
 import itertools
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.body.convex_part import (
+    MAX_PARTS,
     ConvexPart,
     grown_hull,
     hull_around,
@@ -25,16 +25,7 @@ from placement_planner_ros.core.body.convex_part import (
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
 from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
-from placement_planner_ros.core.types import Array, frozen_array
-
-MAX_PARTS = 32
-"""Parts that a cover may have."""
-
-MAX_VERTICES = 128
-"""Vertices that a part may have."""
-
-PLAIN_VERTICES = 24
-"""Vertices of a part that are not worth having fewer of."""
+from placement_planner_ros.core.types import Array
 
 COVER_TOLERANCE_M = 0.010
 """m by which a mesh's cover may reach beyond it; half of that where it is small."""
@@ -48,20 +39,15 @@ class Cover:
     """Convex sets that together contain a mesh and the solid inside its closed components.
 
     Attributes:
-        parts: (m, 3) metres each, in the mesh's own frame and scale. A part is the hull of its
-            vertices, of which it has 4 to `MAX_VERTICES`.
+        parts: in the mesh's own frame and scale.
         excess: metres. Every point of a part is this near to the mesh, or is enclosed by it:
             within a closed component, or in a hollow with no opening twice as wide.
         closed: whether all components are closed; open ones are sheets without an inside.
     """
 
-    parts: tuple[Array, ...]
+    parts: tuple[ConvexPart, ...]
     excess: float
     closed: bool
-
-    def __post_init__(self) -> None:
-        parts = tuple(frozen_array(part, (-1, 3)) for part in self.parts)
-        object.__setattr__(self, "parts", parts)
 
 
 def cover_tolerance(vertices: Array) -> float:
@@ -112,9 +98,9 @@ def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
     """The cover that is there at once: the hull; arguments as of `convex_cover`."""
     components = Components.of(vertices, triangles)
     hull = hull_around(components.corners.reshape(-1, 3))
-    part = grown_hull(simpler_hull(hull, 0.0, MAX_VERTICES))
+    part = grown_hull(simpler_hull(hull, 0.0))
     # No point of a hull is further from its vertices than half the diagonal of their box.
-    excess = 0.5 * float(np.linalg.norm(np.ptp(part, axis=0)))
+    excess = 0.5 * float(np.linalg.norm(np.ptp(part.vertices, axis=0)))
     return Cover((part,), excess, bool(components.closed.all()))
 
 
@@ -212,57 +198,52 @@ def _joined_hulls(
 ) -> tuple[list[ConvexPart], FarCells]:
     """As few hulls as joining one pair after the other leaves, the pair with the smallest box
     around it first, and what is far."""
-    parts = dict(enumerate(hulls))
     while True:
         # Join; where too many are left, let them reach further.
-        _join_pairs(parts, far, step)
-        if len(parts) <= MAX_PARTS:
-            return list(parts.values()), far
+        hulls = _joined_pairs(hulls, far, step)
+        if len(hulls) <= MAX_PARTS:
+            return hulls, far
         far = cells.far(far.reach + 2.0 * cells.cell)
 
 
 def _simpler_part(hull: ConvexPart, far: FarCells) -> ConvexPart:
     """One around it with fewer vertices, that holds no far points either, where there is."""
-    if len(hull.vertices) <= PLAIN_VERTICES:
-        return hull
-    for slack in (far.half, 0.0):
-        made = simpler_hull(hull, slack, MAX_VERTICES)
-        if not far.is_met_by(made):
-            return made
-    return hull if len(hull.vertices) <= MAX_VERTICES else made
+    made = simpler_hull(hull, far.half)
+    return simpler_hull(hull, 0.0) if far.is_met_by(made) else made
 
 
-def _join_pairs(parts: dict[int, ConvexPart], far: FarCells, step: Callable[[], None]) -> None:
-    """Join parts as long as no hull of two holds far points."""
-    pairs: list[tuple[float, int, int]] = []
-    boxes = {n: _box_around(part) for n, part in parts.items()}
-
-    def consider(one: int, others: Sequence[int]) -> None:
-        if not others:
-            return
-        # The boxes around the one and each other: how far apart, and how large together.
-        low, high = boxes[one]
-        lows, highs = np.stack([boxes[other] for other in others], axis=1)
-        near = (np.maximum(lows, low) - np.minimum(highs, high)).max(axis=1) <= far.reach
-        sizes = (np.maximum(highs, high) - np.minimum(lows, low)).prod(axis=1)
-        for row in np.flatnonzero(near).tolist():
-            heapq.heappush(pairs, (float(sizes[row]), one, others[row]))
-
-    for one in parts:
-        # All pairs, then those with each new part.
-        consider(one, [other for other in parts if other > one])
-    while pairs:
-        _, i, j = heapq.heappop(pairs)
-        if i not in parts or j not in parts:
-            continue
+def _joined_pairs(
+    hulls: Sequence[ConvexPart], far: FarCells, step: Callable[[], None]
+) -> list[ConvexPart]:
+    """Those left of some hulls when no common hull of two is free of far points."""
+    # Sizes of the boxes around pairs, each once; infinite where they are apart, or did not join.
+    joined, left = list(hulls), np.ones(len(hulls), np.bool_)
+    boxes = np.stack([_box_around(hull) for hull in hulls])
+    sizes = np.stack([_common_sizes(box, boxes, far.reach) for box in boxes])
+    sizes[np.tril_indices(len(hulls))] = np.inf
+    while np.isfinite(sizes).any():
         step()
-        # Join the two with the smallest box unless that holds far points.
-        both = _common_hull(parts[i], parts[j], far)
-        if both is not None:
-            new = max(parts) + 1
-            del parts[i], parts[j]
-            parts[new], boxes[new] = both, _box_around(both)
-            consider(new, [other for other in parts if other != new])
+        # The pair with the smallest box.
+        i, j = divmod(int(sizes.argmin()), len(hulls))
+        both = _common_hull(joined[i], joined[j], far)
+        if both is None:
+            sizes[i, j] = np.inf
+            continue
+        # One of the two is now both, the other is gone.
+        joined[i], boxes[i], left[j] = both, _box_around(both), False
+        sizes[[i, j]] = sizes[:, [i, j]] = np.inf
+        sizes[i] = np.where(left, _common_sizes(boxes[i], boxes, far.reach), np.inf)
+        sizes[i, i] = np.inf
+    return [hull for hull, one in zip(joined, left, strict=True) if one]
+
+
+def _common_sizes(box: Array, others: Array, reach: float) -> Array:
+    """(n,) m³ of the boxes around one (2, 3) and each of others (n, 2, 3); infinite where they are
+    further apart."""
+    lows, highs = others[:, 0], others[:, 1]
+    apart = (np.maximum(lows, box[0]) - np.minimum(highs, box[1])).max(axis=1) > reach
+    sizes = (np.maximum(highs, box[1]) - np.minimum(lows, box[0])).prod(axis=1)
+    return np.where(apart, np.inf, sizes)
 
 
 def _box_around(hull: ConvexPart) -> Array:

@@ -14,12 +14,11 @@ from placement_planner_ros.core.types import Array, frozen_array
 SHEET_M = 1e-3
 """m that sheets are taken to be thick; dents less deep do not count."""
 
-MAX_FACETS = 6000
-"""Facets, triangles of it, that the hull of what counts as convex may have; rounder things are
-covered."""
+MAX_PARTS = 32
+"""Parts that the cover of a mesh may have."""
 
-MAX_FACETS_IN_CORNER = 200
-"""Facets that may meet in a corner of it: coal takes no more than 254."""
+MAX_VERTICES = 128
+"""Vertices that a part may have, and facets in a corner of it: coal takes no more than 254."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +49,11 @@ def polytope_of(points: Array) -> ConvexPart:
     Raises:
         QhullError: they have no volume.
     """
-    return _part_of(ConvexHull(points))
-
-
-def _part_of(hull: ConvexHull) -> ConvexPart:
+    hull = ConvexHull(points)
     # Vertices that the hull has, and its triangles as rows of them, turned to face outward.
     used, rows = np.unique(hull.simplices, return_inverse=True)
-    vertices, triangles = hull.points[used], rows.reshape(-1, 3)
-    inward = (_across(vertices[triangles]) * hull.equations[:, :3]).sum(axis=1) < 0.0
+    vertices, triangles = points[used], rows.reshape(-1, 3)
+    inward = (_area_vectors(vertices[triangles]) * hull.equations[:, :3]).sum(axis=1) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
     # Coplanar triangles come with equal equations, up to rounding.
     planes = hull.equations[np.sort(equal_rows(hull.equations.round(7))[0])]
@@ -77,19 +73,21 @@ def read_only(triangles: npt.ArrayLike) -> Triangles:
 
 
 def hull_if_convex(corners: Array) -> ConvexPart | None:
-    """The hull of triangles (t, 3, 3), where they cover it and each is along one of its facets."""
+    """The hull of triangles (t, 3, 3), where they cover it and each is along one of its facets; it
+    has no more vertices than a cover may have."""
     try:
-        hull = ConvexHull(corners.reshape(-1, 3))
+        part = polytope_of(corners.reshape(-1, 3))
     except QhullError:  # flat
         return None
-    # The triangles have the area of the hull, which has no more facets than can be used.
-    area = 0.5 * float(np.linalg.norm(_across(corners), axis=1).sum())
-    if abs(area - hull.area) > 1e-3 * hull.area or len(hull.simplices) > MAX_FACETS:
+    if len(part.vertices) > MAX_PARTS * MAX_VERTICES:
         return None
-    if np.bincount(hull.simplices.ravel()).max() > MAX_FACETS_IN_CORNER:
+    if np.bincount(part.triangles.ravel()).max() > MAX_VERTICES:
+        return None
+    # They have the same area.
+    area, all_ = (np.linalg.norm(_area_vectors(c), axis=1).sum() for c in (corners, part.corners))
+    if abs(area - all_) > 1e-3 * all_:
         return None
     # Each triangle lies along one of the planes.
-    part = _part_of(hull)
     for few in np.array_split(corners, min(len(corners), len(part.normals))):
         depth = part.offsets - few @ part.normals.T  # (triangles, corners, planes)
         if depth.max(axis=1).min(axis=1).max() > SHEET_M:
@@ -97,7 +95,7 @@ def hull_if_convex(corners: Array) -> ConvexPart | None:
     return part
 
 
-def _across(corners: Array) -> Array:
+def _area_vectors(corners: Array) -> Array:
     """(t, 3) normals of triangles (t, 3, 3), twice as long as their areas."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
@@ -113,40 +111,38 @@ def hull_around(points: Array) -> ConvexPart:
     return polytope_of(points)
 
 
-def simpler_hull(part: ConvexPart, slack: float, most: int) -> ConvexPart:
-    """One around it with fewer vertices, where there is.
+def simpler_hull(part: ConvexPart, slack: float) -> ConvexPart:
+    """One around it with fewer vertices, and no more than `MAX_VERTICES`.
 
     From a box on, planes of its facets are added where most is beyond one of them.
 
     Args:
         slack: metres that its vertices may be outside any plane of the given one; more where there
             would be too many.
-        most: vertices that it may have.
     """
     middle = part.vertices.mean(axis=0)
     vertices, offsets = part.vertices - middle, part.offsets - part.normals @ middle
-    normals, best = np.concatenate([np.eye(3), -np.eye(3)]), None
-    while True:
+    normals, furthest, made = np.concatenate([np.eye(3), -np.eye(3)]), np.inf, vertices
+    while furthest > max(slack, 2.0 * ROUNDING_M):
         # The corners that the planes so far leave: planes of the dual's hull.
         reach = (normals @ vertices.T).max(axis=1)
         dual = ConvexHull(normals / reach[:, None]).equations
-        made = dual[:, :3] / -dual[:, 3:]
-        made = made[equal_rows(made.round(7))[0]]
-        if len(made) > min(most, len(vertices)):
+        corners = dual[:, :3] / -dual[:, 3:]
+        corners = corners[equal_rows(corners.round(7))[0]]
+        if len(corners) > min(MAX_VERTICES, len(vertices)):
+            if len(vertices) <= MAX_VERTICES:
+                return part
             break
-        best = made
         # Planes that corners are furthest beyond, of those corners that are furthest out.
-        beyond = made @ part.normals.T - offsets
-        out = beyond.max(axis=1)
-        if out.max() <= max(slack, 2.0 * ROUNDING_M):
-            break
-        chosen = np.unique(beyond[out >= 0.5 * out.max()].argmax(axis=1))
+        made, beyond = corners, corners @ part.normals.T - offsets
+        furthest = beyond.max()
+        chosen = np.unique(beyond[beyond.max(axis=1) >= 0.5 * furthest].argmax(axis=1))
         normals = np.concatenate([normals, part.normals[chosen]])
-    return part if best is None else hull_around(best + middle)
+    return hull_around(made + middle)
 
 
-def grown_hull(part: ConvexPart) -> Array:
-    """Vertices (m, 3) of the same in larger, its planes moved outward by more than rounding."""
+def grown_hull(part: ConvexPart) -> ConvexPart:
+    """The same in larger, its planes moved outward by more than rounding."""
     middle = part.vertices.mean(axis=0)
     depth = float((part.offsets - part.normals @ middle).min())
-    return np.asarray(middle + (part.vertices - middle) * (1.0 + 2.0 * ROUNDING_M / depth))
+    return polytope_of(middle + (part.vertices - middle) * (1.0 + 2.0 * ROUNDING_M / depth))

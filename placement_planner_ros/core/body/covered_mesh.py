@@ -11,7 +11,7 @@ from placement_planner_ros.core.body.convex_cover import (
     convex_cover,
     cover_tolerance,
 )
-from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of, read_only
+from placement_planner_ros.core.body.convex_part import read_only
 from placement_planner_ros.core.body.mesh_components import Triangles, equal_rows
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.stopping import step
@@ -28,14 +28,12 @@ class CoveredMesh:
     Attributes:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
-        cover: convex sets that together contain them; they only ever say what is free.
-        parts: the same sets with their planes.
+        cover: convex parts that together contain them; they only ever say what is free.
     """
 
     vertices: Array
     triangles: Triangles
     cover: Cover
-    parts: tuple[ConvexPart, ...]
 
     @classmethod
     def of(cls, corners: Array, make: CoverMaker) -> CoveredMesh:
@@ -44,10 +42,8 @@ class CoveredMesh:
         points = corners.reshape(-1, 3)
         first, kind = equal_rows(points)
         vertices, triangles = points[first], kind.reshape(-1, 3)
-        # The cover, and its parts with their planes.
         cover = make(vertices, triangles, cover_tolerance(vertices))
-        parts = tuple(polytope_of(part) for part in cover.parts)
-        return cls(frozen_array(vertices), read_only(triangles), cover, parts)
+        return cls(frozen_array(vertices), read_only(triangles), cover)
 
 
 def kept_cover(

@@ -107,9 +107,7 @@ def connected_labels(ends: Labels, others: Labels, count: int) -> Labels:
 
 def volumes_under(corners: Array) -> Array:
     """(t,) m³ of tetrahedra from the origin to triangles (t, 3, 3), negative where they face it."""
-    a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
-    across = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
-    return np.asarray((a[0] * across[0] + a[1] * across[1] + a[2] * across[2]) / 6.0)
+    return np.asarray(np.linalg.det(corners) / 6.0)
 
 
 def _edges_of(faces: Triangles) -> tuple[Labels, Labels]:

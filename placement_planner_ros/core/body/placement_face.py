@@ -11,8 +11,7 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.stable_poses import (
-    GRAVITY,
-    TIPPING_ENERGY,
+    TIPPING_RISE_M,
     StablePose,
     stable_poses,
 )
@@ -75,7 +74,7 @@ def _face_of(tipping: Tipping, rest: StablePose, settings: BodySettings) -> Plac
     depths = (tipping.vertices @ normal).max() - tipping.vertices @ normal
     bears = depths <= settings.flatness
     if not rest.rolls:
-        highest = float(tipping.heights[rest.facet]) + TIPPING_ENERGY / GRAVITY
+        highest = float(tipping.heights[rest.facet]) + TIPPING_RISE_M
         bears[tipping.facets[tipping.around(rest.facet, -np.inf, highest)]] = True
     # v(f): the corners of that, in the plane, and the frame along its longest edge.
     near = tipping.vertices[bears] + depths[bears, None] * normal

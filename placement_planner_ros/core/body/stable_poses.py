@@ -9,17 +9,10 @@ import numpy as np
 from placement_planner_ros.core.body.mesh_components import ROUNDING_M
 from placement_planner_ros.core.body.tipping import Tipping
 
-GRAVITY = 9.81
-"""m/s²."""
-
-TIPPING_ENERGY = 0.002
-"""J/kg that it takes at least to tip a body off a rest: what a push to 63 mm/s gives it, or 0.2 mm
-of height. Of boxes 21 to 30 mm thin, scanned with noise of 1 mm, nine sides in ten take as much,
-and all where the noise is half that; facets that noise leaves on a round side take less."""
-
-LEFT_REST_RAD, ROCKING_RAD = 0.35, 0.12
-"""Radians: a body that turned by more than the first has left its rest. Half that energy must not
-turn it by more than the second, or it would not stay where it is put."""
+TIPPING_RISE_M = 0.0002
+"""m that a body's centre of mass must rise at least for it to leave a rest: a push to 63 mm/s lifts
+it by that. Of boxes 21 to 30 mm thin, scanned with noise of 1 mm, nine sides in ten hold as firmly,
+and all where the noise is half that; facets that noise leaves on a round side do not."""
 
 ROLLING_RAD = 1.05
 """A body rolls where it can turn by more than that, radians, at about the same height; rests of one
@@ -49,25 +42,22 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
     Args:
         flatness: metres by which a surface that is meant to be even may not be; so much does not
             keep a body from rolling.
-        merge_angle: radians within which the lowest rest stands for all.
+        merge_angle: radians within which the lowest rest stands for all. A body that a push turns
+            by more is none that rests.
     """
     # Valleys deep enough to hold the body, firmly or not.
     bottoms = tipping.valleys(ROUNDING_M)
     firm: list[int] = []
     rolling: list[int] = []
-    for facet in tipping.valleys(TIPPING_ENERGY / GRAVITY).tolist():
-        # A push may turn it off the rest, or set it rocking; or it rolls on at about its height to
-        # where it could stay as well. (What topples keeps its height, but stays nowhere.)
-        height, rise = float(tipping.heights[facet]), TIPPING_ENERGY / GRAVITY
-        pushed = tipping.around(facet, -np.inf, height + rise)
-        rocked = tipping.around(facet, -np.inf, height + 0.5 * rise)
+    for facet in tipping.valleys(TIPPING_RISE_M).tolist():
+        # A push may turn it off the rest; or it rolls on at about its height to where it could stay
+        # as well. (What topples over an edge keeps its height, but stays nowhere on the way.)
+        height = float(tipping.heights[facet])
+        pushed = tipping.around(facet, -np.inf, height + TIPPING_RISE_M)
         change = max(flatness, LEVEL_SHARE * height)
         level = bottoms[tipping.around(facet, height - change, height + change)[bottoms]]
-        if (
-            tipping.turned(facet, pushed) > LEFT_REST_RAD
-            or tipping.turned(facet, rocked) > ROCKING_RAD
-            or tipping.turned(facet, level) > ROLLING_RAD
-        ):
+        turned = tipping.turned(facet, pushed)
+        if turned > merge_angle or tipping.turned(facet, level) > ROLLING_RAD:
             rolling += [facet, *level.tolist()]
         else:
             firm.append(facet)

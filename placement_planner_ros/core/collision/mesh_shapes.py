@@ -15,10 +15,12 @@ from placement_planner_ros.core.types import Array
 def kept_shape(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
     """The shape of a mesh of vertices (n, 3) and triangles (t, 3) with a cover of it, from disk, or
     made and kept there."""
-    key = digest_of(code_digest(__name__), vertices, triangles, cover.parts)
+    parts = tuple(part.vertices for part in cover.parts)
+    key = digest_of(code_digest(__name__), vertices, triangles, parts)
     return stored_result("mesh shapes", key, lambda: covered_mesh(cover, vertices, triangles))
 
 
 def covered_mesh(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
     """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it."""
-    return Shape(tuple(map(convex_polytope, cover.parts)), MeshTree.of(vertices, triangles))
+    sets = tuple(convex_polytope(part.vertices) for part in cover.parts)
+    return Shape(sets, MeshTree.of(vertices, triangles))

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.body.contact_points import touching_points
-from placement_planner_ros.core.body.stable_poses import GRAVITY, TIPPING_ENERGY
+from placement_planner_ros.core.body.stable_poses import TIPPING_RISE_M
 from placement_planner_ros.core.contacts.coplanarity import coplanar_support
 from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
@@ -104,7 +104,7 @@ def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
     """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
 
     The centre of mass lies inside along gravity, and to tip over any edge it would have to be
-    lifted by what `TIPPING_ENERGY` does: about an edge of direction e, from which it lies at w, it
+    lifted by `TIPPING_RISE_M`: about an edge of direction e, from which it lies at w, it
     goes up to |w| √(1 - e_z²).
 
     Args:
@@ -119,4 +119,4 @@ def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
     away = (corners * edges).sum(axis=2, keepdims=True) * edges - corners
     highest = np.linalg.norm(away, axis=2) * np.sqrt(1.0 - edges[..., 2] ** 2)
     lifted = (highest - away[..., 2]).min(axis=1)
-    return np.asarray(inside & (GRAVITY * lifted >= TIPPING_ENERGY))
+    return np.asarray(inside & (lifted >= TIPPING_RISE_M))

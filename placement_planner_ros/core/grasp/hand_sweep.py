@@ -12,7 +12,6 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.convex_cover import MAX_VERTICES, PLAIN_VERTICES
 from placement_planner_ros.core.body.convex_part import hull_around, simpler_hull
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.robot.arm import Arm
@@ -70,9 +69,8 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
             covers.append(cover)
             continue
         # Its corners, placed at every copy.
-        local = _solid_vertices(thing.geometry, link)
-        if len(local) > PLAIN_VERTICES:
-            local = simpler_hull(hull_around(local), _ROUNDED_CORNER_M, MAX_VERTICES).vertices
+        corners = _solid_vertices(thing.geometry, link)
+        local = simpler_hull(hull_around(corners), _ROUNDED_CORNER_M).vertices
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
         places = [frame[joint] * thing.placement for frame in frames]

@@ -8,8 +8,6 @@ and take whatever memory it asks for: the node reads in a process of its own.
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import io
 import re
 import struct
@@ -17,22 +15,18 @@ from pathlib import Path
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from collada.common import DaeError
 
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
+from placement_planner_ros.core.body.mesh_components import Triangles
+from placement_planner_ros.core.disk_cache import code_digest, digest_of
 from placement_planner_ros.core.types import Array
-
-Triangles = npt.NDArray[np.int64]
 
 FORMATS = ".stl, .obj, .ply, .off, .glb, .dae"
 
 MAX_BYTES = 64_000_000
 """Bytes that a mesh file may have."""
-
-MAX_COORDINATE = 1e9
-"""Greatest coordinate, in any unit: 64 bits tell 0.1 µm apart there."""
 
 UNREADABLE = (
     ArithmeticError,
@@ -74,23 +68,15 @@ def check_header(path: Path) -> None:
         raise ValueError(f"the file has {size} bytes; a mesh file may have 1 to {MAX_BYTES}")
 
 
-def content_digest(suffix: str, data: bytes) -> bytes:
+def content_digest(suffix: str, data: bytes) -> str:
     """A digest of all that `read_mesh` depends on, and of itself.
 
     Args:
         suffix: of the file's name, in lower case, with the dot.
         data: the file's contents.
     """
-    return hashlib.blake2b(
-        _digest_of_readers() + suffix.encode() + b"\0" + data, digest_size=32
-    ).digest()
-
-
-@functools.cache
-def _digest_of_readers() -> bytes:
-    """Of what reads meshes."""
-    versions = f"{trimesh.__version__} {coal.__version__}".encode()
-    return hashlib.sha256(versions + Path(__file__).read_bytes()).digest()
+    versions = trimesh.__version__, coal.__version__
+    return digest_of(code_digest(__name__), versions, suffix, data)
 
 
 def read_mesh(path: Path) -> tuple[Array, Triangles]:
@@ -118,12 +104,6 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise ValueError(f"{bad} of its vertices are not finite")
-    furthest = float(np.abs(vertices).max())
-    if furthest > MAX_COORDINATE:
-        raise ValueError(
-            f"its coordinates reach {furthest:.3g}, too large in any unit; no more than "
-            f"{MAX_COORDINATE:g} is read: export it anew, best in metres"
-        )
     # Equal vertices are one.
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()

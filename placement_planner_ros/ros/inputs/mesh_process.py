@@ -132,7 +132,7 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
             raise ValueError("it was changed while it was read")
         return made
 
-    return stored_result("read meshes", digest.hex(), read)
+    return stored_result("read meshes", digest, read)
 
 
 def cover_in(

@@ -74,7 +74,7 @@ def winds_about(mesh, points):
 def inside(cover, points):
     found = np.zeros(len(points), bool)
     for part in cover.parts:
-        planes = ConvexHull(part).equations
+        planes = ConvexHull(part.vertices).equations
         found |= (points @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
     return found
 
@@ -102,7 +102,10 @@ def test_a_cover_holds_the_mesh_and_the_solid_inside_and_not_much_more(name):
     assert inside(cover, solid).all()
     sample = on_triangles(mesh, 100_000, rng)
     held = np.concatenate(
-        [rng.dirichlet(np.full(len(part), 1.0 / len(part)), 200) @ part for part in cover.parts]
+        [
+            rng.dirichlet(np.full(len(points), 1.0 / len(points)), 200) @ points
+            for points in (part.vertices for part in cover.parts)
+        ]
     )
     away = cKDTree(sample).query(held)[0]
     far = held[away > cover.excess + 0.002]
