@@ -15,16 +15,11 @@ from placement_planner_ros.core.types import Array
 
 _WAYPOINT_STEP_M = 0.03
 """m, between the waypoints."""
-_MAX_WAYPOINTS = 12
-"""Waypoints of a straight way at most."""
 _DRAWN_OUT_M = 0.3
-"""m from the goal, where the object counts as drawn out."""
-_RUN_WAYPOINTS = 6
-"""Waypoints at most that a winding way goes on in one direction."""
+"""m from the goal, where the object counts as drawn out; of a winding way half as much is tried in
+one direction."""
 _TRIED_DIRECTIONS = 40
 """Directions that a winding way tries at most."""
-_SMALLEST_SHARE = 0.2
-"""Of the steps and turns of a winding way, as a share of the largest."""
 _TURN_DEVIATION_RAD = 0.25
 """rad, the standard deviation of each coordinate of the largest turn between waypoints."""
 
@@ -36,18 +31,17 @@ def straight_way(holding: Holding, q: Array) -> Array:
     """
     T_world_object = holding.object_pose(q)
     hand = holding.tip_pose(T_world_object)[:3, 2]
-    best = [q]
+    best, most = [q], round(_DRAWN_OUT_M / _WAYPOINT_STEP_M)
     # The longest free way of the three.
     for direction in (_inward_direction(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
         length = float(np.linalg.norm(direction))
         if length < 1e-6:
             continue
-        way = _straight_run(
-            holding, q, direction * (_WAYPOINT_STEP_M / length), np.eye(3), _MAX_WAYPOINTS
-        )
+        step = direction * (_WAYPOINT_STEP_M / length)
+        way = _straight_run(holding, q, step, np.eye(3), most)
         if len(way) > len(best):
             best = way
-        if len(best) > _MAX_WAYPOINTS:
+        if len(best) > most:
             break
     return np.array(best)
 
@@ -77,6 +71,7 @@ def winding_way(
     inwards = _inward_direction(holding, goal)
     inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
     best = len(nodes) - 1
+    run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
     out = begun = _distance_from_goal(holding, nodes[best], goal)
     for _ in range(_TRIED_DIRECTIONS):
         if out >= _DRAWN_OUT_M or should_stop():
@@ -85,7 +80,7 @@ def winding_way(
         last = best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
         # A direction, inwards rather than outwards, and half of the time a turn.
         direction = rng.standard_normal(3) + inwards
-        size = rng.uniform(_SMALLEST_SHARE, 1.0)
+        size = rng.random()
         direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
         turn = np.eye(3)
         if rng.random() < 0.5:
@@ -94,7 +89,7 @@ def winding_way(
                 vector[:2] = 0.0  # about the vertical, which tilts nothing
             turn = pin.exp3(vector)
         # Go on as far as that is free.
-        for q in _straight_run(holding, nodes[last], direction, turn, _RUN_WAYPOINTS)[1:]:
+        for q in _straight_run(holding, nodes[last], direction, turn, run)[1:]:
             parents.append(last)
             last = len(nodes)
             nodes.append(q)
