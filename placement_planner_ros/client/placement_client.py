@@ -282,10 +282,11 @@ class PlacementClient:
             # before the look, so that nothing that comes during it is slept over
             count = talk.news.count
             talk.heed(withdrawals, run)
-            best = self.hearing.solution(run)
-            if until is not None and best is not None and best.number > told:
-                told = best.number
-                if until(best):
+            best = None if until is None else self.hearing.solution(run)
+            # several may have come since the last look
+            for number in range(told + 1, 1 + (0 if best is None else best.number)):
+                told, better = number, self.hearing.solution(run, number)
+                if until is not None and better is not None and until(better):
                     return
             # the run has ended, or another has begun, which stop will say, or the time is up
             now, status = time.monotonic(), self.status

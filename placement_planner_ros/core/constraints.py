@@ -25,9 +25,6 @@ from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdi
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
 
-REQUIRED = "`required`"
-"""How a rule's name begins that a term breaks."""
-
 
 class PoseConstraints:
     """V, s(x) and c_f(x) of one body in one environment.
@@ -123,13 +120,6 @@ class PoseConstraints:
         """
         points = self._somewhere @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
         return np.asarray(inside(points, self._keep_out).any(axis=1))
-
-    def broken(self, T_world_object: pin.SE3) -> list[str]:
-        """The rules that the pose breaks, by the parameters that they are set by."""
-        found = [] if self.turns is None else self.turns.broken(T_world_object.rotation)
-        if self.required is not None:
-            found += [f"{REQUIRED}: {name}" for name in self.required.broken(T_world_object)]
-        return found
 
     def _broken_by(self, T: Array) -> Array:
         """(n,) what poses (n, 4, 4) lack of what is required, infinite where they are turned

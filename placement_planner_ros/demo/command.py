@@ -126,7 +126,9 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     arguments = node_arguments(setting.file, own)
     # a namespace of its own, so that no robot nearby hears
     namespace, log = f"/placement_demo_{os.getpid()}", options.output / "node.log"
-    _begin_ros(namespace)
+    # on this machine only; the processes begun later inherit it
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    begin_ros(["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"])
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
     with ExitStack() as running:
@@ -146,7 +148,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
                 legs = _tour(Tour(planner, publisher, options.seconds, check, line), setting)
                 title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
             else:
-                found = search(planner, options.seconds, check, line)
+                found = search(planner, {}, options.seconds, check, line)
                 best = found[-1]
                 legs, names = [leg_of("the object", setting, best)], ("placement.png", "motion.gif")
                 title = f"{setting.title}: {options.objective} {best.objective:.4f}"
@@ -183,24 +185,6 @@ def _tour(tour: Tour, setting: Setting) -> list[Leg]:
         )
     tour.line.say("\n".join(told))
     return legs
-
-
-def _begin_ros(namespace: str) -> None:
-    """Initialise ROS, on this machine only.
-
-    Raises:
-        DemoError: it cannot be.
-    """
-    # before ROS is initialised; the processes begun later inherit it
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"]
-    try:
-        begin_ros(arguments)
-    except RuntimeError as error:  # of which rclpy's own are kinds
-        raise DemoError(
-            f"ROS does not start: {error}",
-            "unset RMW_IMPLEMENTATION and ROS_DOMAIN_ID, or give values that fit this installation",
-        ) from error
 
 
 @contextmanager

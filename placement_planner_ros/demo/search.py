@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
 from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE
@@ -49,12 +50,17 @@ def wait_until_ready(
 
 
 def search(
-    planner: PlacementClient, seconds: float, check: Callable[[], None], line: ProgressLine
+    planner: PlacementClient,
+    parameters: Mapping[str, Any],
+    seconds: float,
+    check: Callable[[], None],
+    line: ProgressLine,
 ) -> list[Solution]:
     """Search for `seconds`, or where nothing is found by then until something is; each solution,
     the best last.
 
     Args:
+        parameters: of the node, for this search only.
         check: raises where the node has died.
 
     Raises:
@@ -74,7 +80,7 @@ def search(
 
     line.say(f"searching for {seconds:g} s")
     try:
-        best = _search(planner, seconds, take)
+        best = _search(planner, parameters, seconds, take)
     except PlacementError as error:
         check()
         # silence is told from a search that found nothing
@@ -85,9 +91,14 @@ def search(
     return found
 
 
-def _search(planner: PlacementClient, seconds: float, take: Callable[[Solution], None]) -> Solution:
+def _search(
+    planner: PlacementClient,
+    parameters: Mapping[str, Any],
+    seconds: float,
+    take: Callable[[Solution], None],
+) -> Solution:
     try:
-        return planner.place(deadline=seconds, until=take)
+        return planner.place(parameters, seconds, until=take)
     except PlacementError as error:
         if error.code in (NO_NODE, NO_ANSWER):
             raise
@@ -97,4 +108,4 @@ def _search(planner: PlacementClient, seconds: float, take: Callable[[Solution],
         return True
 
     # then the first one will do
-    return planner.place(deadline=WITHIN_S, until=enough)
+    return planner.place(parameters, WITHIN_S, until=enough)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
-from placement_planner_ros.client.conversation import ANSWER_WITHIN
 from placement_planner_ros.demo.processes import DemoError
-from placement_planner_ros.demo.search import BUSY, PAGE, search, wait_until_ready
+from placement_planner_ros.demo.search import BUSY, PAGE, search
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import GraspedObject, object_by_name
@@ -33,7 +30,7 @@ class Tour:
     Attributes:
         planner: of a node that is ready.
         publisher: of the scene, and of where the robot is.
-        seconds: to search on for after the first placement of each thing.
+        seconds: to search for with each thing.
         check: raises where node or publisher have died.
         line: what is told meanwhile.
     """
@@ -52,8 +49,8 @@ class Tour:
         """
         # the fingers close on another thing
         self.publisher.show(start_configuration(name), at_rest=True)
-        self._tell(object_by_name(name))
-        found = search(self.planner, self.seconds, self.check, self.line)
+        given = parameters_of(object_by_name(name))
+        found = search(self.planner, given, self.seconds, self.check, self.line)
         # as an executive asks before it moves
         still = self.planner.validity(found[-1])
         if not still:
@@ -65,35 +62,19 @@ class Tour:
             raise DemoError(f"the node refuses what was put down: {error}", PAGE) from error
         return found
 
-    def _tell(self, held: GraspedObject) -> None:
-        """Have the node know what is held from now on."""
-        # answered in the thread that publishes the scene
-        parameters = AsyncParameterClient(self.publisher, "placement_planner")
-        told = parameters.set_parameters_atomically(_parameters(held))
-        end = time.monotonic() + ANSWER_WITHIN
-        while not told.done():
-            self.check()
-            if time.monotonic() > end:
-                raise DemoError("the node does not answer any more", BUSY)
-            time.sleep(0.05)
-        result = told.result().result
-        if not result.successful:
-            raise DemoError(f"the node refuses {held.name}: {result.reason}", PAGE)
-        wait_until_ready(self.planner, self.check, self.line)
 
-
-def _parameters(held: GraspedObject) -> list[Parameter]:
+def parameters_of(held: GraspedObject) -> dict[str, Any]:
     """What the node has to know of a thing."""
-    values: dict[str, list] = {
-        "object.vertices": held.vertices.ravel().tolist(),
-        "object.triangles": held.triangles.ravel().tolist(),
-        "object.center_of_mass": held.center_of_mass.tolist(),
-        "object.up": [0.0, 0.0, 1.0] if held.name in _UPRIGHT else [],
-    }
+    up = {"object.up": [0.0, 0.0, 1.0]} if held.name in _UPRIGHT else {}
     # poses one after the other, seven numbers each
-    for arm, grasps in held.grasps.items():
-        values[f"{arm}.grasps"] = np.ravel([pin.SE3ToXYZQUAT(T) for T in grasps]).tolist()
-    kinds = Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY
-    return [
-        Parameter(name, kinds[name != "object.triangles"], value) for name, value in values.items()
-    ]
+    grasps = {
+        f"{arm}.grasps": np.ravel([pin.SE3ToXYZQUAT(T) for T in grasps])
+        for arm, grasps in held.grasps.items()
+    }
+    return {
+        "object.vertices": held.vertices.ravel(),
+        "object.triangles": held.triangles.ravel(),
+        "object.center_of_mass": held.center_of_mass,
+        **up,
+        **grasps,
+    }

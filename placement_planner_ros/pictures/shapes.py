@@ -28,6 +28,11 @@ def moved(points: Array, T: pin.SE3) -> Array:
     return np.asarray(points @ T.rotation.T + T.translation)
 
 
+def box_corners(box: Array) -> Array:
+    """(8, 3) of a box (2, 3)."""
+    return np.array(list(product(*box.T)))
+
+
 class RobotShapes:
     """The collision shapes of a robot, made once for many configurations.
 
@@ -65,6 +70,6 @@ def volume_edges(volume: TargetVolume) -> list[Mesh]:
         tube(np.array(ends), VOLUME)
         for box in volume.boxes
         # corners that differ in one coordinate are the ends of an edge
-        for ends in combinations(product(*box.T), 2)
+        for ends in combinations(box_corners(box), 2)
         if np.not_equal(*ends).sum() == 1
     ]

@@ -14,6 +14,7 @@ from placement_planner_ros.pictures.shapes import (
     HAND,
     PLACED,
     RobotShapes,
+    box_corners,
     moved,
     tube,
     volume_edges,
@@ -66,7 +67,8 @@ class Stage:
         # V, ways and where things come to stand shall be seen
         ways = [leg.motion.path() for leg in legs]
         standing = [moved(leg.corners, leg.motion.T_world_placed).reshape(-1, 3) for leg in legs]
-        self.view = self._view_of(np.vstack([scene.volume.boxes.reshape(-1, 3), *ways, *standing]))
+        corners = [box_corners(box) for box in scene.volume.boxes]
+        self.view = self._view_of(np.vstack([*corners, *ways, *standing]))
         # what never moves is drawn once
         parts = [
             Mesh(

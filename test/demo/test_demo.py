@@ -33,7 +33,7 @@ class Planner:
         self.found, self.late, self.refusal = found, late, refusal
         self.deadlines = []
 
-    def place(self, deadline, until):
+    def place(self, parameters, deadline, until):
         self.deadlines.append(deadline)
         if self.refusal is not None:
             raise self.refusal
@@ -50,7 +50,7 @@ class Planner:
 
 def test_each_solution_is_told_and_the_best_is_last(capsys):
     planner = Planner(found=3)
-    found = search.search(planner, 10.0, alive, ProgressLine())
+    found = search.search(planner, {}, 10.0, alive, ProgressLine())
     assert [solution.number for solution in found] == [1, 2, 3]
     assert planner.deadlines == [10.0]
     assert capsys.readouterr().out.count("objective 0.2500") == 3
@@ -58,7 +58,7 @@ def test_each_solution_is_told_and_the_best_is_last(capsys):
 
 def test_where_nothing_is_found_in_time_the_first_will_do():
     planner = Planner(found=3, late=True)
-    found = search.search(planner, 10.0, alive, ProgressLine())
+    found = search.search(planner, {}, 10.0, alive, ProgressLine())
     assert [solution.number for solution in found] == [1]
     assert planner.deadlines == [10.0, search.WITHIN_S]
 
@@ -69,7 +69,7 @@ def test_where_nothing_is_found_in_time_the_first_will_do():
 def test_why_there_is_no_placement_is_in_the_nodes_words(code, remedy):
     planner = Planner(refusal=PlacementError(code, "target_volume: lower above upper"))
     with pytest.raises(DemoError, match=rf"(?s){code}: target_volume: lower.*{remedy}"):
-        search.search(planner, 10.0, alive, ProgressLine())
+        search.search(planner, {}, 10.0, alive, ProgressLine())
 
 
 @pytest.mark.parametrize(

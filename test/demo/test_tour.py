@@ -21,7 +21,7 @@ class Node:
 
     def __init__(self):
         self.confirmed, self.shown, self.told = [], [], []
-        self.validity_of, self.refusal = Validity(), ""
+        self.validity_of = Validity()
 
     def validity(self, solution):
         return self.validity_of
@@ -31,23 +31,18 @@ class Node:
             raise PlacementError("NO_OBJECT", "there is none")
         self.confirmed.append(solution)
 
-    def wait_until_ready(self, seconds):
-        pass
-
     def show(self, positions, at_rest):
         self.shown.append(positions)
 
-    def set_parameters_atomically(self, parameters):
-        self.told.append({each.name: each.value for each in parameters})
-        result = SimpleNamespace(successful=not self.refusal, reason=self.refusal)
-        return SimpleNamespace(done=lambda: True, result=lambda: SimpleNamespace(result=result))
+    def search(self, planner, parameters, *_):
+        self.told.append(parameters)
+        return [SOLUTION]
 
 
 @pytest.fixture
 def node(monkeypatch):
     made = Node()
-    monkeypatch.setattr(tour, "AsyncParameterClient", lambda publisher, name: made)
-    monkeypatch.setattr(tour, "search", lambda *_: [SOLUTION])
+    monkeypatch.setattr(tour, "search", made.search)
     return made
 
 

@@ -272,7 +272,7 @@ SITUATIONS = {
         "NO_REGION",
         "target_volume",
         with_parameters(target_volume=ABOVE),
-        "only 0.01 x 0.01 m wide",
+        "larger than 1 cm²",
     ),
     "a cloud in millimetres": Situation(
         Inputs(points=1000.0 * TABLE),

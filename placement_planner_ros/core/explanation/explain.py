@@ -148,8 +148,6 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
     verdict = min(passed, key=lambda each: passed[each][0])
     _, refused, entered = passed[verdict]
     before = " that passed what is checked before" if entered < count.samples else ""
-    rule = verdict is Verdict.BREAKS_RULE
-    did = _broken_in_words(search) if rule else TABLE[verdict].did
     remedies = remedies_for(search, verdict)
     # few samples say little of what a longer search would find
     if count.samples < _FEW_SAMPLES:
@@ -157,15 +155,9 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
         remedies = (Remedy("time_limit", more_time), *remedies)
     return Explanation(
         f"in {count.samples:,} samples no placement was found: {refused:,} of {entered:,}{before} "
-        f"{did}",
+        f"{TABLE[verdict].did}",
         remedies,
     )
-
-
-def _broken_in_words(search: Search) -> str:
-    """The rules that poses broke, the one that most did first."""
-    broken = search.finder.rejections.broken
-    return f"broke {', '.join(name for name, _ in broken.most_common()) or 'a rule'}"
 
 
 def _count_words(search: Search, progress: Progress) -> list[str]:

@@ -19,7 +19,7 @@ Cause = tuple[str, tuple[Remedy, ...]]
 
 
 def why_no_region(environment: Environment) -> Explanation:
-    """The first of these that holds: no points, none in reach, V too narrow, steep, above, below or
+    """The first of these that holds: no points, none in reach, steep, above, below or
     beside V; else what a region needs."""
     if environment.points == 0:
         own = environment.near.left_out
@@ -31,7 +31,6 @@ def why_no_region(environment: Environment) -> Explanation:
         return Explanation(f"no placement region: {words}", (given, leave))
     words, remedies = (
         _none_in_reach(environment)
-        or _too_narrow(environment)
         or _too_steep(environment)
         or _beside_volume(environment)
         or _not_a_region(environment)
@@ -94,32 +93,14 @@ def _too_steep(environment: Environment) -> Cause | None:
     )
 
 
-def _too_narrow(environment: Environment) -> Cause | None:
-    """That no floor of V's boxes has room for a region."""
-    area, sides = RegionSettings().min_area, environment.volume.boxes
-    width, depth = max(np.ptp(sides, axis=1)[:, :2].tolist(), key=math.prod)
-    if width * depth >= 2.0 * area:
-        return None
-    return (
-        f"`volume` is only {width:.3g} x {depth:.3g} m wide; a region has more than "
-        f"{1e4 * area:g} cm²",
-        (Remedy("volume", "make it wider"),),
-    )
-
-
 def _beside_volume(environment: Environment) -> Cause | None:
     """That most of what was measured over and under V is beyond it; None where it is not."""
     found = [_mostly_at(environment, box) for box in environment.volume.boxes]
     # of all boxes of V the surface that is the least beyond one of them
     nearest = min(filter(None, found), key=lambda each: abs(each[1]), default=None)
-    if nearest is None:
-        return (
-            "nothing was measured in, under or above `volume`",
-            (Remedy("volume", "move it over what was measured"), _ALIGN),
-        )
-    height, beyond = nearest
-    if beyond == 0.0:
+    if nearest is None or nearest[1] == 0.0:
         return None
+    height, beyond = nearest
     side, bound = ("under", "minimum z") if beyond < 0.0 else ("above", "maximum z")
     # a little farther than the surface, which noise moves
     reached = height + math.copysign(RegionSettings().headroom, beyond)
@@ -131,7 +112,7 @@ def _beside_volume(environment: Environment) -> Cause | None:
 
 
 def _not_a_region(environment: Environment) -> Cause:
-    """What a region needs, where something was measured in V."""
+    """What a region needs."""
     settings = RegionSettings()
     return (
         f"nothing in `volume` is level, measured without holes, larger than "

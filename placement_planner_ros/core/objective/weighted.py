@@ -262,9 +262,3 @@ class Requirements:
         """The value of each by its name, in its own unit."""
         T = T_world_object.homogeneous[None]
         return {name: float(term.values(T)[0]) for name, term, _ in self.terms_asked}
-
-    def broken(self, T_world_object: pin.SE3) -> list[str]:
-        """The names of those that are too low."""
-        at_least = self.at_least
-        found = self.terms(T_world_object)
-        return [name for name, value in found.items() if value < at_least[name] - _TERM_ROUNDING]

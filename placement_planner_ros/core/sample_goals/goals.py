@@ -82,8 +82,6 @@ class GoalFinder:
         )
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        for row in np.flatnonzero(verdicts == Verdict.BREAKS_RULE)[:1]:
-            self.rejections.broken.update(self._poses.broken(pin.SE3(T[row])))
         # ξ of those that pass.
         if len(free):
             values[free] = self._values(T[free], best)
@@ -146,8 +144,6 @@ class GoalFinder:
                     tries[Verdict.FEASIBLE] += 1
                     return goal
                 tries[goal] += 1
-                if goal is Verdict.BREAKS_RULE:
-                    self.rejections.broken.update(self._poses.broken(tried.x))
                 furthest = max(furthest, goal)
             if should_stop():
                 break

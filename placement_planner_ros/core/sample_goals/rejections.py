@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +20,6 @@ class Rejections:
         tries: (holdings, |F|, |Verdict|) how many tries of each holding (arm after arm, grasp after
             grasp) to reach a pose on each face ended with each verdict. FEASIBLE are goals. Poses
             that no arm was to reach are not in here.
-        broken: how many poses broke each rule, by the parameter that it is set by; one of a batch.
         missed: ξ of poses better than ξ_best that are free and stand, but were not reached.
     """
 
@@ -29,7 +28,6 @@ class Rejections:
             (holdings, faces, len(Verdict)), dtype=np.int64
         )
         self.missed: deque[float] = deque(maxlen=MAX_CELLS)
-        self.broken: Counter[str] = Counter()
 
     def by_name(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.int64]]:
         """(|Verdict|,) tries of all holdings that have the same of these names."""

@@ -47,14 +47,6 @@ class Turns:
         kept &= self.faces_away(rotations) <= self.settings.front_tolerance + _ANGLE_ROUNDING_RAD
         return kept
 
-    def broken(self, rotation: Array) -> list[str]:
-        """The rules that an object turned by (3, 3) breaks, by the settings they are."""
-        off = {
-            "`up`": self.leans(rotation[None])[0] - self.settings.up_tolerance,
-            "`front`": self.faces_away(rotation[None])[0] - self.settings.front_tolerance,
-        }
-        return [name for name, beyond in off.items() if beyond > _ANGLE_ROUNDING_RAD]
-
     def leans(self, rotations: Array) -> Array:
         """(n,) rad between `up` and the vertical of objects turned by (n, 3, 3); 0 without it."""
         if self._up is None:
