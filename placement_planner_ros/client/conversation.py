@@ -176,9 +176,10 @@ class Conversation:
 
         def stop(started: Future) -> None:
             response = started.result()  # None where it was cancelled
-            if response is not None and (run := Answer.of(response).run):
+            # the run of a refusal is somebody else's
+            if response is not None and (answer := Answer.of(response)).success:
                 with suppress(*_NOT_SENT):
-                    self._send("stop_with", {"run": run})
+                    self._send("stop_with", {"run": answer.run or 0})
 
         started.add_done_callback(stop)
         self._await_answer(started)

@@ -45,6 +45,21 @@ def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, m
         assert was_stopped(fed)
 
 
+def test_a_refusal_that_comes_late_stops_nobodys_run(fed, held, planner, monkeypatch):
+    assert fed.call("start").success
+    searching(fed)
+    with monkeypatch.context() as hasty:
+        hasty.setattr(conversation, "ANSWER_WITHIN", 0.3)
+        with pytest.raises(PlacementError) as raised:
+            planner.start()
+    assert raised.value.code == "NO_ANSWER"
+    held.set()
+    with pytest.raises(PlacementError) as raised:  # answered after the first
+        planner.start()
+    assert raised.value.code == "ALREADY_RUNNING"
+    assert not ended(fed)
+
+
 def test_withdrawing_from_another_thread_stops_the_run(fed, planner):
     placing = Doing(lambda: planner.place({}, 600.0))
     found(fed, 0.5)
