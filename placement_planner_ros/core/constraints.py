@@ -87,8 +87,9 @@ class PoseConstraints:
 
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): the object stays where it is put; of many poses: `verdicts`."""
-        T = T_world_object.homogeneous[None]
-        return bool(self.contacts.stable(T, np.array([face]), slope)[0])
+        T, feature = T_world_object.homogeneous[None], np.array([face])
+        stable = self.contacts.stable(T, feature, slope) & self.contacts.held(T, feature)
+        return bool(stable[0])
 
     def free(
         self, T_world_object: pin.SE3, contact: Contact, raise_height: float | None = None
@@ -204,7 +205,11 @@ class PoseConstraints:
             free = self.contacts.free(*of_stable, self._raise_height, slope)
             if len(self._keep_out):
                 free &= ~self._in_a_box(T[stable])
-            result[stable[free]] = Verdict.FEASIBLE
+            # Of these, what is left of s(x), and the rules.
+            rows = stable[free]
+            held = self.contacts.held(T[rows], faces[rows])
+            result[rows] = np.where(held, Verdict.FEASIBLE, Verdict.UNSTABLE)
             if self.turns is not None or self.required is not None:
-                lacking[stable[free]] = self._broken_by(T[stable[free]])
-                result[stable[free][lacking[stable[free]] > 0.0]] = Verdict.BREAKS_RULE
+                rows = rows[held]
+                lacking[rows] = self._broken_by(T[rows])
+                result[rows[lacking[rows] > 0.0]] = Verdict.BREAKS_RULE

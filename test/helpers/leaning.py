@@ -79,7 +79,7 @@ def leaning_poses(contact, rng, most, tries=300):
         region = contact.regions[rng.integers(len(contact.regions))]
         feature = np.array([rng.choice(open_[region])])
         T = contact.poses(feature, region.sample(rng)[None], np.zeros(1), None)
-        if contact.stable(T, feature, LEVEL)[0]:
+        if contact.stable(T, feature, LEVEL)[0] and contact.held(T, feature)[0]:
             heights = np.array([region.z])
             if contact.free(T, feature, heights, 0.05, LEVEL)[0]:
                 found.append((T[0], int(feature[0])))

@@ -19,8 +19,6 @@ from placement_planner_ros.core.scene.spans import Footprint, spans
 from placement_planner_ros.core.types import Array, Slope, upright
 from placement_planner_ros.core.uncounted import Uncounted
 
-_FILLED_SHARE = 0.5
-"""Share of the contact points below which what carries them in a noisy cloud may be thin bars."""
 TIPS = math.radians(5.0)
 """By so much, at least, an object can be tipped before it falls, from how it stands."""
 
@@ -139,8 +137,9 @@ class PolygonSupport:
             placed.reshape(-1, 3), self.footing.contact_tolerance, None if added else 0.0
         ).reshape(len(T), -1)
         noise = np.full(len(T), support.height_noise)
-        if added:  # thin bars are told by few points each
-            noise[np.isfinite(gaps).mean(axis=1) < _FILLED_SHARE] = environment.measured.noise
+        if added:  # what carries fewer than half may be thin bars, told by few points each
+            few = 2 * np.isfinite(gaps).sum(axis=1) < gaps.shape[1]
+            noise[few] = environment.measured.noise
         ups = np.ascontiguousarray(T[:, 2, :3] @ inward.rotation)
         margin, height = self.footing.support_margin, float(self.heights[face])
         widths, planes = _firm_support(points, gaps, ups, height, margin, noise, added)

@@ -61,7 +61,12 @@ class ContactClass(Protocol):
         ...
 
     def stable(self, T: Array, features: Index, slope: Slope) -> Mask:
-        """(n,) s(x) of poses (n, 4, 4) with these features (n,) on planes of one slope."""
+        """(n,) s(x) of poses (n, 4, 4) with these features (n,) on planes of one slope, but for
+        `held`."""
+        ...
+
+    def held(self, T: Array, features: Index) -> Mask:
+        """(n,) what of s(x) takes longer than c_f(x): of those alone that are free it is asked."""
         ...
 
     def free(self, T: Array, features: Index, heights: Array, raised: float, slope: Slope) -> Mask:

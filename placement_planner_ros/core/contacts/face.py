@@ -81,6 +81,10 @@ class FaceContact:
         """(n,) s(x)."""
         return self.support.stable(T, features, slope)
 
+    def held(self, T: Array, features: Index) -> Mask:
+        """(n,) all: nothing is left of s(x)."""
+        return np.ones(len(T), np.bool_)
+
     def free(self, T: Array, features: Index, heights: Array, raised: float, slope: Slope) -> Mask:
         """(n,) c_f(x), on the whole way straight down."""
         return self._collision.free_at(T, heights, raised, slope)

@@ -20,14 +20,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from placement_planner_ros.core.scene.grid import ROUNDING
 from placement_planner_ros.core.types import Array
 
 TILT_RAD = math.radians(3.0)
 """rad that gravity may be tilted by in any direction."""
 CONE_SIDES, DIRECTIONS = 8, 8
 """Sides of the pyramids; directions of the wrench."""
-BALANCED = 1e-6
-"""Of the weight: forces that leave no more than this are in balance."""
 
 
 def stays(
@@ -51,7 +50,8 @@ def stays(
     moments = np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
     size = max(float(np.abs([a, b, c]).max()), 1e-6)
     wrenches = np.vstack([x, y, z, moments / size])
-    return all(nnls(wrenches, -load)[1] <= BALANCED for load in _disturbed_loads(margin))
+    # in balance, but for rounding by the weight
+    return all(nnls(wrenches, -load)[1] <= ROUNDING for load in _disturbed_loads(margin))
 
 
 def could_stay(

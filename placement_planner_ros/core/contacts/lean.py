@@ -87,6 +87,8 @@ class LeanContact:
         frames = [np.array([[*w.outward, 0.0], w.rotation[0], [0, 0, 1]]).T for w in self._walls]
         self._frames = np.array(frames).reshape(-1, 3, 3)
         self._planes = np.array([[*w.normal, -w.offset] for w in self._walls]).reshape(-1, 4)
+        ways = self._planes[:, :3] + [0.0, 0.0, 1.0]
+        self._openings = ways / np.linalg.norm(ways, axis=1, keepdims=True)
         self.references = self._edges.references[self._edge_of]
         self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(edges)
         self.groups = tuple(str(self._walls[wall]) for wall, _ in self._features)
@@ -117,17 +119,17 @@ class LeanContact:
         return T
 
     def stable(self, T: Array, features: Index, slope: Slope) -> Mask:
-        """(n,) what touches is measured surface, and friction cones there bear the weight."""
+        """(n,) what touches is measured surface, as far from the wall as the edge may stay."""
         feet = np.einsum("nij,nj->ni", T[:, :3, :3], self.references[features]) + T[:, :3, 3]
         distances, ends = self._distances(features, feet), self._ends[features]
         result = np.asarray((distances >= ends[:, 0]) & (distances <= ends[:, 1]))
         rows = np.flatnonzero(result)
         if len(rows):
-            result[rows] = self._are_stable(T[rows], features[rows])
+            result[rows] = self._on_surfaces(T[rows], features[rows])
         return result
 
-    def _are_stable(self, T: Array, features: Index) -> Mask:
-        """`stable` of those that are as far from the wall as the edge may stay."""
+    def _on_surfaces(self, T: Array, features: Index) -> Mask:
+        """(n,) whether what touches is measured surface."""
         corners, floor, against = self._touching(T, features)
         walls = self._wall_of[features]
         along = (corners * self._frames[walls][:, None, :, 1]).sum(axis=2)
@@ -141,13 +143,21 @@ class LeanContact:
             own = self._walls[wall]
             turned = corners[rows] @ own.rotation.T
             result[rows] = self._carried(own.support, turned, against[rows], along[rows])
-        # Friction cones, of what is left.
-        for row in np.flatnonzero(result):
-            frame = self._frames[walls[row]]
-            center = T[row, :3, :3] @ self._body.center_of_mass + T[row, :3, 3]
+        return result
+
+    def held(self, T: Array, features: Index) -> Mask:
+        """(n,) friction cones at what touches bear the weight."""
+        corners, floor, against = self._touching(T, features)
+        centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
+        result = np.zeros(len(T), np.bool_)
+        for row, wall in enumerate(self._wall_of[features]):
+            # In axes of the wall's foot.
+            frame, tilt = self._frames[wall], float(self._tilts[wall])
             under, behind = (corners[row][on[row]] @ frame for on in (floor, against))
-            tilt = float(self._tilts[walls[row]])
-            result[row] = self._held(under, behind, tilt, center @ frame)
+            lever = behind[:, 2].min() - under[:, 2].mean()
+            result[row] = leans_far_enough(lever, self._footing) and is_held(
+                under, behind, tilt, centers[row] @ frame, self._footing
+            )
         return result
 
     def _touching(self, T: Array, features: Index) -> tuple[Array, Mask, Mask]:
@@ -174,13 +184,6 @@ class LeanContact:
         level = off <= MAX_LEAN_SLOPE * length + support.height_noise
         return np.asarray(level & (np.isfinite(gaps) | ~touching).all(axis=1))
 
-    def _held(self, floor: Array, against: Array, tilt: float, center: Array) -> bool:
-        """Whether cones at points bear the weight, in axes of the wall's foot."""
-        lever = against[:, 2].min() - floor[:, 2].mean()
-        return bool(leans_far_enough(lever, self._footing)) and is_held(
-            floor, against, tilt, center, self._footing
-        )
-
     def free(self, T: Array, features: Index, heights: Array, raised: float, slope: Slope) -> Mask:
         """(n,) c_f(x), on the whole way up and away from the wall; what is behind the wall's plane,
         or below the surface's, is what the object leans on."""
@@ -201,8 +204,7 @@ class LeanContact:
 
     def opening(self, feature: int) -> Array:
         """(3,) between up and out of the wall."""
-        way = np.array([0.0, 0.0, 1.0]) + self._wall(feature).normal
-        return np.asarray(way / np.linalg.norm(way))
+        return np.asarray(self._openings[self._wall_of[feature]])
 
     def moved(self, T_world_object: pin.SE3, contact: Contact, change: Array) -> pin.SE3 | None:
         """The middle of the edge moved on its surface, the object against the wall again."""

@@ -25,12 +25,12 @@ from placement_planner_ros.core.types import LEVEL, Array
 
 TOUCHING_M = 2e-4
 """m from the surface and from the wall up to which corners of the hull touch."""
-STEP_M = 0.001
-"""m between distances from the wall at which it is looked whether an edge could stay."""
-ALIKE_TILT_RAD = 0.01
-"""rad by which walls differ before which edges are said to stay alike."""
+ALIKE_TILT_RAD = 0.2 * TILT_RAD
+"""rad by which walls differ before which edges are said to stay alike: little by their reserve."""
 STRIP_M = 0.005
 """m, side of the squares that strips of surface before walls are made of."""
+STEP_M = 0.2 * STRIP_M
+"""m between distances from the wall at which it is looked whether an edge could stay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,22 +213,16 @@ class Strips:
         return result
 
     def _with_surface(self, height: float) -> tuple[Array, Array]:
-        """(k, 4) squares with surface at a height, what of them lies in V, and (k, 3) middles."""
+        """(k, 4) squares with surface at a height, their middles in V, and (k, 3) these."""
         volume = self._environment.volume
         first = np.floor(volume.lower[:2] / STRIP_M)
-        count = np.ceil(volume.upper[:2] / STRIP_M) - first
-        i, j = np.meshgrid(*(np.arange(n) for n in count), indexing="ij")
-        squares = (first + np.column_stack([i.ravel(), j.ravel()])) * STRIP_M
-        within = Region(np.hstack([squares, squares + STRIP_M]), height).within(
-            volume.section(height)
-        )
-        if within is None:
-            return np.zeros((0, 4)), np.zeros((0, 3))
-        squares = within.rectangles
-        middles = 0.5 * (squares[:, :2] + squares[:, 2:])
-        middles = np.column_stack([middles, np.full(len(squares), height)])
-        rows = self._environment.support.supported(middles, self._footing.contact_tolerance)
-        return squares[rows], middles[rows]
+        count = (np.ceil(volume.upper[:2] / STRIP_M) - first).astype(np.int64)
+        corners = (first + np.indices(count).reshape(2, -1).T) * STRIP_M
+        middles = np.column_stack([corners + 0.5 * STRIP_M, np.full(len(corners), height)])
+        rows = np.flatnonzero(volume.contains(middles))
+        tolerance = self._footing.contact_tolerance
+        rows = rows[self._environment.support.supported(middles[rows], tolerance)]
+        return np.hstack([corners[rows], corners[rows] + STRIP_M]), middles[rows]
 
 
 def distinct_heights(regions: Iterable[Region], tolerance: float) -> list[float]:

@@ -15,8 +15,6 @@ from placement_planner_ros.core.types import Array, Slope
 
 _RISE_NOISES = 1.6
 """Times the noise of heights by which single surfaces under an object may be above their plane."""
-_LEVEL_SPREAD_M = 2e-4
-"""m by which heights of one level surface may differ."""
 
 
 class Protrusions:
@@ -66,7 +64,7 @@ class Protrusions:
             noise: (n,) m, of heights.
         """
         support = self._environment.support_of(slope)
-        low = 0.5 * MAX_LEAN_SLOPE * widths + planes[:, 0] + _RISE_NOISES * noise + _LEVEL_SPREAD_M
+        low = 0.5 * MAX_LEAN_SLOPE * widths + planes[:, 0] + _RISE_NOISES * noise
         frames = T @ self._inward[faces]
         found = np.zeros(len(T), np.bool_)
         for face in np.unique(faces):

@@ -54,6 +54,13 @@ class SeveralContacts:
             result[rows] = own.stable(T[rows], numbers, slope)
         return result
 
+    def held(self, T: Array, features: Index) -> Mask:
+        """(n,) what is left of it, each by its class."""
+        result = np.zeros(len(T), np.bool_)
+        for own, numbers, rows in self._parts(features):
+            result[rows] = own.held(T[rows], numbers)
+        return result
+
     def free(self, T: Array, features: Index, heights: Array, raised: float, slope: Slope) -> Mask:
         """(n,) c_f(x), each by its class."""
         result = np.zeros(len(T), np.bool_)
