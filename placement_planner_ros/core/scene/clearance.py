@@ -170,7 +170,10 @@ class ClearanceField:
 
     def distance(self, points: Array) -> Array:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
-        return np.asarray(_point_distances(self._table, _contiguous_view(points)))
+        T = np.tile(np.eye(4), (len(points), 1, 1))
+        T[:, :3, 3] = points
+        table, origin = self._table._replace(lift=0.0), np.zeros((1, 3))
+        return np.asarray(_mean_clearance(table, *map(_contiguous_view, (T, origin)), False)[0])
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
@@ -479,15 +482,6 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
         s += 1
     total += max(top - low, 0.0) / VOXEL_M * table.cap  # above all that ends
     return total, along_x, along_y
-
-
-@njit(cache=True, nogil=True)
-def _point_distances(table: ClearanceTable, points: Array) -> Array:
-    """(n,) d_S."""
-    result = np.empty(len(points))
-    for p in range(len(points)):
-        result[p] = _voxel_mean(table, points[p, 0], points[p, 1], points[p, 2])[0]
-    return result
 
 
 @njit(cache=True, nogil=True)

@@ -34,24 +34,18 @@ OUTLIER_SHARE, OUTLIERS_AGREE = 0.1, 0.8
 """Share of a cell's points that are outliers by chance, and of their moves that then is common."""
 
 
-@njit(cache=True, nogil=True)
 def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
     """(m,) cells that hold some, but with the 26 around fewer than `min_points`, of the points
     counted (m,)."""
-    cells, number_at = bins.cells, bins.number_at
-    nx, ny, nz = number_at.shape
-    lone = np.zeros(len(cells), np.bool_)
-    for r in range(len(cells)):
-        if counts[r] == 0 or counts[r] >= min_points:
-            continue
-        # all that the cells around hold, too
-        total = 0
-        for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
-            for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
-                for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
-                    if number_at[i, j, k] > 0:
-                        total += counts[number_at[i, j, k] - 1]
-        lone[r] = total < min_points
+    rows = np.flatnonzero((counts > 0) & (counts < min_points))
+    total, of_number = np.zeros(len(rows), np.int64), np.append(0, counts)
+    for step in np.ndindex(3, 3, 3):
+        # where there is a cell that way, what it holds
+        cells = bins.cells[rows] + np.array(step) - 1
+        there = ((cells >= 0) & (cells < bins.number_at.shape)).all(axis=1)
+        total[there] += of_number[bins.number_at[tuple(cells[there].T)]]
+    lone = np.zeros(len(counts), np.bool_)
+    lone[rows[total < min_points]] = True
     return lone
 
 
@@ -131,7 +125,7 @@ def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: 
                 for p in range(start[q], start[q + 1]):
                     x, y, z = points[p, 0] - center[0], points[p, 1] - center[1], points[p, 2]
                     z -= center[2]
-                    if abs(_off_plane(plane, x, y, z)) > reach:
+                    if abs(plane[0] * x + plane[1] * y + plane[2] * z - plane[3]) > reach:
                         continue
                     n += 1.0
                     sx += x
@@ -147,24 +141,18 @@ def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: 
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _off_plane(plane: Array, x: float, y: float, z: float) -> float:
-    """Distance of a point beyond a plane of mean and normal (6, ...), metres."""
-    return plane[3] * (x - plane[0]) + plane[4] * (y - plane[1]) + plane[5] * (z - plane[2])
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _fit_plane(moments: Moments, plane: Array) -> float:
     """The plane of points of that number, sum and second moments; returns the number.
 
-    `plane` (8,) receives the mean, the unit normal, and the standard deviations along the normal
-    and along the next axis. The normal is the eigenvector of the covariance's smallest eigenvalue;
-    the eigenvalues of a symmetric C are in closed form mean + 2 s cos(φ + 2kπ/3) with
-    mean = tr C / 3, s² = |C - mean I|² / 6 and cos 3φ = det((C - mean I) / s) / 2.
+    `plane` (6,) receives the unit normal, how far it is along this, and the standard deviations
+    along the normal and along the next axis. The normal is the eigenvector of the covariance's
+    smallest eigenvalue; the eigenvalues of a symmetric C are in closed form
+    mean + 2 s cos(φ + 2kπ/3) with mean = tr C / 3, s² = |C - mean I|² / 6 and
+    cos 3φ = det((C - mean I) / s) / 2.
     """
     n, sx, sy, sz, xx, yy, zz, xy, xz, yz = moments
     sx, sy, sz = sx / n, sy / n, sz / n
     plane[:] = 0.0
-    plane[0], plane[1], plane[2] = sx, sy, sz
     # the covariance C = [[a, d, e], [d, b, f], [e, f, c]]
     a, b, c = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     d, e, f = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
@@ -195,9 +183,10 @@ def _fit_plane(moments: Moments, plane: Array) -> float:
         ux, uy, uz, u = wx, wy, wz, w
     if u > 0.0:
         u = math.sqrt(u)
-        plane[3], plane[4], plane[5] = ux / u, uy / u, uz / u
-    plane[6] = math.sqrt(max(smallest, 0.0))
-    plane[7] = math.sqrt(max(middle, 0.0))
+        plane[0], plane[1], plane[2] = ux / u, uy / u, uz / u
+        plane[3] = (ux * sx + uy * sy + uz * sz) / u
+    plane[4] = math.sqrt(max(smallest, 0.0))
+    plane[5] = math.sqrt(max(middle, 0.0))
     return n
 
 
@@ -207,14 +196,14 @@ def _plane_scatter(
 ) -> Array:
     """Standard deviations about the planes of those sampled neighbourhoods that are surfaces."""
     found = np.empty(len(bins.cells) // stride + 1)
-    plane = np.empty(8)
+    plane = np.empty(6)
     n = 0
     for r in range(0, len(bins.cells), stride):
         if _fit_plane(_moments_around(moments, bins, size, r, reach), plane) < min_points:
             continue
         # wide along two axes, and thin along the third
-        if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
-            found[n] = plane[6]
+        if plane[5] > 0.15 * (1 + reach) * size and plane[4] < 0.6 * plane[5]:
+            found[n] = plane[4]
             n += 1
     return found[:n]
 
@@ -301,7 +290,8 @@ def _on_surfaces(
 def _fit_planes(
     moments: Array, bins: Bins, size: float, origin: Array, noise: float
 ) -> tuple[Array, Mask]:
-    """(m, 6) mean and normal of each cell's neighbourhood; (m,) whether it is a plane.
+    """(m, 4) normal of each cell's neighbourhood and how far along it that is; (m,) whether it is a
+    plane.
 
     It is not where the points scatter more than they do two cells further: across a corner too, a
     plane fits to within a few times the noise. Where they scatter more than noise does, some are of
@@ -311,28 +301,29 @@ def _fit_planes(
     cells, number_at = bins.cells, bins.number_at
     m = len(cells)
     nx, ny, nz = number_at.shape
-    planes = np.empty((m, 6))
+    planes = np.empty((m, 4))
     scatter = np.full(m, np.inf)
-    plane, center = np.empty(8), np.empty(3)
+    plane, center = np.empty(6), np.empty(3)
     for r in range(m):
         n = _fit_plane(_moments_around(moments, bins, size, r, 1), plane)
         # the plane is about the centre of the cell
         for a in range(3):
             center[a] = origin[a] + (cells[r, a] + 0.5) * size
         # points of one plane scatter by twice the noise at most
-        fits = n >= PLANE_POINTS and plane[6] <= 2.0 * noise
+        fits = n >= PLANE_POINTS and plane[4] <= 2.0 * noise
         # three times anew without outliers, as long as enough are left
         for _ in range(3):
-            if fits and plane[6] > UNEVEN_NOISES * noise:
+            if fits and plane[4] > UNEVEN_NOISES * noise:
                 own = _moments_near_plane(bins, r, center, OUTLIER_NOISES * noise, plane)
                 if own[0] >= PLANE_POINTS:
                     _fit_plane(own, plane)
-        # so its mean is moved there
+        # and so is told from the origin
+        planes[r] = plane[:4]
         for a in range(3):
-            planes[r, a], planes[r, 3 + a] = plane[a] + center[a], plane[3 + a]
+            planes[r, 3] += plane[a] * center[a]
         # its scatter counts where it is wide and thin
-        if fits and plane[7] > 0.3 * size and plane[6] < 0.6 * plane[7]:
-            scatter[r] = plane[6]
+        if fits and plane[5] > 0.3 * size and plane[4] < 0.6 * plane[5]:
+            scatter[r] = plane[4]
     # compare with what lies two cells further
     flat = np.zeros(m, np.bool_)
     for r in range(m):
@@ -397,7 +388,9 @@ def _project_points(
                     gathered += 1
                 # the nearest plane of this ring
                 for q in candidates[ends[ring] : ends[ring + 1]]:
-                    d = _off_plane(planes[q], points[p, 0], points[p, 1], points[p, 2])
+                    d = -planes[q, 3]
+                    for a in range(3):
+                        d += planes[q, a] * points[p, a]
                     if abs(d) < abs(distance):
                         best, distance = q, d
             if best < 0:
@@ -405,14 +398,14 @@ def _project_points(
             off[p] = distance
             # onto that plane, within the bounds
             for a in range(3):
-                value = moved[p, a] - distance * planes[best, 3 + a]
+                value = moved[p, a] - distance * planes[best, a]
                 moved[p, a] = min(max(value, lower[a]), upper[a])
             # how many move far, and where to all together
             if abs(distance) > far:
                 outliers += 1
-                x -= distance * planes[best, 3]
-                y -= distance * planes[best, 4]
-                z -= distance * planes[best, 5]
+                x -= distance * planes[best, 0]
+                y -= distance * planes[best, 1]
+                z -= distance * planes[best, 2]
         # what noise cannot have moved goes back
         common = math.sqrt(x * x + y * y + z * z) >= OUTLIERS_AGREE * far * outliers
         many = outliers >= max(3.0, OUTLIER_SHARE * (start[r + 1] - start[r]))

@@ -136,7 +136,9 @@ def _seen_pixels(points: Array, sensor: Array) -> SeenPixels | None:
     at = (at - at.min(axis=0)) / pitch
     bins = (at / BESIDE_PIXELS).astype(np.int64)
     nx, ny = bins.max(axis=0) + 1
-    order, start = _sorted_by_bin(bins[:, 0] * ny + bins[:, 1], nx * ny)
+    bin_of = bins[:, 0] * ny + bins[:, 1]
+    order = np.argsort(bin_of, kind="stable")
+    start = np.append(0, np.bincount(bin_of, minlength=nx * ny).cumsum())
     starts = np.column_stack([start[:-1].reshape(nx, ny), start[ny::ny]])
     return SeenPixels(at[order], ranges[order], row[order], starts, pitch)
 
@@ -170,23 +172,6 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
         tiles[int((a + 2.0) * 0.25 * TILES) * (TILES + 1) + int((b + 2.0) * 0.25 * TILES)] += 1
         m += 1
     return at[:m], ranges[:m], row[:m], tiles
-
-
-@njit(cache=True, nogil=True)
-def _sorted_by_bin(bin_of: Rows, bins: int) -> tuple[Rows, Rows]:
-    """A counting sort: (n,) rows in the order of their bins, and (bins + 1,) where each begins."""
-    start = np.zeros(bins + 1, np.int64)
-    # how many each bin holds, then where each begins
-    for own in bin_of:
-        start[own + 1] += 1
-    for b in range(bins):
-        start[b + 1] += start[b]
-    rows, fill = np.empty(len(bin_of), np.int64), start[:-1].copy()
-    # each behind those of its bin that are already there
-    for p in range(len(bin_of)):
-        rows[fill[bin_of[p]]] = p
-        fill[bin_of[p]] += 1
-    return rows, start
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

@@ -391,45 +391,42 @@ def _walk_cells(
             t2 = t2 + between[2] if left2 > 0 else np.inf
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _direction_bin(x: float, y: float, z: float) -> int:
-    """The bin of a direction, on the cube's side that it leaves through."""
-    # the side, the way along it and up to it
-    ax, ay, az = abs(x), abs(y), abs(z)
-    if ax >= ay and ax >= az:
-        side, u, v, w = (0 if x > 0.0 else 1), y, z, ax
-    elif ay >= az:
-        side, u, v, w = (2 if y > 0.0 else 3), x, z, ay
-    else:
-        side, u, v, w = (4 if z > 0.0 else 5), x, y, az
-    # where on that side
-    row = min(int((u / w + 1.0) * 0.5 * BINS), BINS - 1)
-    column = min(int((v / w + 1.0) * 0.5 * BINS), BINS - 1)
-    return (side * BINS + row) * BINS + column
-
-
 @njit(cache=True, nogil=True)
+def _direction_bins(ways: Array) -> npt.NDArray[np.int64]:
+    """(n,) the bin of each direction (n, 3), on the cube's side that it leaves through."""
+    bins = np.empty(len(ways), np.int64)
+    for n in range(len(ways)):
+        x, y, z = ways[n]
+        # the side, the way along it and up to it
+        ax, ay, az = abs(x), abs(y), abs(z)
+        if ax >= ay and ax >= az:
+            side, u, v, w = (0 if x > 0.0 else 1), y, z, ax
+        elif ay >= az:
+            side, u, v, w = (2 if y > 0.0 else 3), x, z, ay
+        else:
+            side, u, v, w = (4 if z > 0.0 else 5), x, y, az
+        # where on that side
+        row = min(int((u / w + 1.0) * 0.5 * BINS), BINS - 1)
+        column = min(int((v / w + 1.0) * 0.5 * BINS), BINS - 1)
+        bins[n] = (side * BINS + row) * BINS + column
+    return bins
+
+
 def _nearest_of_bins(points: Array, sensor: Array) -> Array:
     """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
+    ways = points - sensor
+    square = (ways * ways).sum(axis=1)
+    rows = np.flatnonzero(np.isfinite(square) & (square > 0.0))
     nearest = np.full(6 * BINS * BINS, np.inf)
-    for p in range(len(points)):
-        x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
-        square = x * x + y * y + z * z
-        if math.isfinite(square) and square > 0.0:
-            b = _direction_bin(x, y, z)
-            nearest[b] = min(nearest[b], square)
+    np.minimum.at(nearest, _direction_bins(ways[rows]), square[rows])
     return nearest
 
 
-@njit(cache=True, nogil=True)
 def _points_behind(points: Array, nearest: Array, sensor: Array) -> Mask:
     """(n,) which points (n, 3) lie behind something as seen by a sensor: behind the nearest point
     in the bin of directions that they lie in."""
-    found = np.zeros(len(points), np.bool_)
-    for p in range(len(points)):
-        x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
-        found[p] = x * x + y * y + z * z > nearest[_direction_bin(x, y, z)]
-    return found
+    ways = points - sensor
+    return np.asarray((ways * ways).sum(axis=1) > nearest[_direction_bins(ways)])
 
 
 def _surface_cells(unknown: Mask, goes_on: Mask) -> Cells:

@@ -382,7 +382,9 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
 
 def _tile_sums(tiles: Array) -> Array:
     """(m, n, k) sums over each tile and the eight around it."""
-    return np.moveaxis(window_sums(np.ascontiguousarray(np.moveaxis(tiles, 2, 0)), 3), 0, 2)
+    (m, n, _), padded = tiles.shape, np.pad(tiles, ((1, 1), (1, 1), (0, 0)))
+    shifts = (padded[i : i + m, j : j + n] for i in range(3) for j in range(3))
+    return np.sum(list(shifts), axis=0)
 
 
 def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:

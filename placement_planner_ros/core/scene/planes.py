@@ -232,27 +232,19 @@ def _find_planes(
     )
 
 
-@njit(cache=True, nogil=True)
 def _top_means(points: npt.NDArray[np.float32], first: Index, band: float) -> Array:
     """(m, 3) mean of the points of each box that are no further than the band below the highest.
 
     Args:
         first: (m + 1,) the first point of each box, and their number.
     """
-    means = np.zeros((len(first) - 1, 3))
-    for box in range(len(means)):
-        # the highest, and the mean of those near it
-        highest = -math.inf
-        for p in range(first[box], first[box + 1]):
-            highest = max(highest, float(points[p, 2]))
-        count = 0
-        for p in range(first[box], first[box + 1]):
-            if points[p, 2] >= highest - band:
-                count += 1
-                for a in range(3):
-                    means[box, a] += points[p, a]
-        means[box] /= count
-    return means
+    z = points[:, 2].astype(np.float64)
+    highest = np.maximum.reduceat(z, first[:-1])
+    near = z >= np.repeat(highest - band, np.diff(first))
+    # where each box begins among those near its highest
+    begins = np.append(0, near.cumsum())[first]
+    sums = np.add.reduceat(points[near].astype(np.float64), begins[:-1], axis=0)
+    return np.asarray(sums / np.diff(begins)[:, None])
 
 
 def _plane_of(row: Array, cell_size: float, least: float) -> Plane:

@@ -20,6 +20,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from scipy.ndimage import uniform_filter
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -51,49 +52,22 @@ MOST_PIXELS = 60_000
 """Pixels of a raster up to which they are as fine as is asked for."""
 
 
-@njit(cache=True, nogil=True)
 def pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
     """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
     of their values (n, k), and the greatest of the last of these, -inf where there is none."""
-    sums = np.zeros((values.shape[1] + 2, *shape))
-    sums[-1] = -np.inf
-    for p in range(len(at)):
-        # the pixel whose centre is nearest
-        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)
-        sums[0, i, j] += 1.0
-        for k in range(values.shape[1]):
-            sums[k + 1, i, j] += values[p, k]
-        sums[-1, i, j] = max(sums[-1, i, j], values[p, -1])
-    return sums
+    number = shape[0] * shape[1]
+    i, j = (at + 0.5).astype(np.int64).T  # the pixel whose centre is nearest
+    pixel = i * shape[1] + j
+    greatest = np.full(number, -np.inf)
+    np.maximum.at(greatest, pixel, values[:, -1])
+    sums = [np.bincount(pixel, weights, number) for weights in (None, *values.T)]
+    return np.stack([*sums, greatest]).reshape(-1, *shape)
 
 
-@njit(cache=True, nogil=True)
 def window_sums(images: Array, width: int) -> Array:
     """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
-    number, nx, ny = images.shape
-    half = width // 2
-    result, along = np.empty_like(images), np.empty((nx, ny))
-    for n in range(number):
-        # along each row, what comes in and what goes
-        for i in range(nx):
-            total = 0.0
-            for j in range(-half, ny):
-                if j + half < ny:
-                    total += images[n, i, j + half]
-                if j - half - 1 >= 0:
-                    total -= images[n, i, j - half - 1]
-                if j >= 0:
-                    along[i, j] = total
-        # and so for whole rows
-        column = np.zeros(ny)
-        for i in range(-half, nx):
-            if i + half < nx:
-                column += along[i + half]
-            if i - half - 1 >= 0:
-                column -= along[i - half - 1]
-            if i >= 0:
-                result[n, i] = column
-    return result
+    means = uniform_filter(images, (1, width, width), mode="constant")
+    return np.asarray(means * float(width * width))
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
