@@ -217,7 +217,7 @@ class Strips:
         volume = self._environment.volume
         first = np.floor(volume.lower[:2] / STRIP_M)
         count = (np.ceil(volume.upper[:2] / STRIP_M) - first).astype(np.int64)
-        corners = (first + np.indices(count).reshape(2, -1).T) * STRIP_M
+        corners = (first + np.indices(count.tolist()).reshape(2, -1).T) * STRIP_M
         middles = np.column_stack([corners + 0.5 * STRIP_M, np.full(len(corners), height)])
         rows = np.flatnonzero(volume.contains(middles))
         tolerance = self._footing.contact_tolerance

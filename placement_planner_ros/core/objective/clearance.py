@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
-from placement_planner_ros.core.scene.clearance import ClearanceField, most_change
+from placement_planner_ros.core.scene.clearance import CAP, ClearanceField, most_change
 from placement_planner_ros.core.types import Array, upright
 
 
@@ -70,7 +70,7 @@ class Clearance:
         moved = ranges.shift + ranges.chord * self._radii(ranges)
         pixel = max(field.pixel for field in self._fields)
         most = sign * values + most_change(moved, pixel)
-        return np.minimum(most, self._environment.clearance.cap if sign > 0.0 else 0.0)
+        return np.minimum(most, CAP if sign > 0.0 else 0.0)
 
     def _radii(self, ranges: PoseRanges) -> Array:
         """(n,) m, root mean square distance of B_o from the axis of each range."""
@@ -104,7 +104,7 @@ class Clearance:
         stands on; with a sign, what sign · C is not above."""
         # Without inclines one field tells all.
         if not self._inclines or not len(self._faces):
-            return self._field(0, sign).mean_clearance_batch(T, points, slopes)
+            return self._field(0, sign).mean_clearance(T, points, slopes)
         stands_on = self._stands_on(T)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         # Poses on one incline are looked up in its field, with its slope taken out.
@@ -112,7 +112,7 @@ class Clearance:
             rows = stands_on == k
             poses = self._inclines[k - 1].sheared(T[rows]) if k > 0 else T[rows]
             field = self._field(int(k), sign)
-            values[rows], gradients[rows] = field.mean_clearance_batch(poses, points, slopes)
+            values[rows], gradients[rows] = field.mean_clearance(poses, points, slopes)
         return values, gradients
 
     def _stands_on(self, T: Array) -> npt.NDArray[np.int64]:

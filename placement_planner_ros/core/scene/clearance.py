@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.cloud import AROUND_M
+from placement_planner_ros.core.scene.cloud import AROUND_M, CONTACT_TOLERANCE_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.rasters import (
     MOST_HEIGHTS,
@@ -38,6 +37,8 @@ COLUMN_M, RUN_M = 0.5 * VOXEL_M, 2.0 * VOXEL_M
 """m, side of the columns that points are gathered in, and heights whose points are of one run."""
 END_STEP_M = 0.25 * VOXEL_M
 """m between heights at which runs may end."""
+LIFT_M = CONTACT_TOLERANCE_M + 0.5 * VOXEL_M + END_STEP_M
+"""m above a body's lowest point at which what of it is lower is judged: support may rise so far."""
 SLICE_M = 4.0 * VOXEL_M
 """m of the thickest slice: within it, distances to what is overhead are linear."""
 
@@ -67,8 +68,6 @@ class ClearanceTable(NamedTuple):
     """(2,) of the first pixel, m."""
     pixel: float
     """m."""
-    cap: float
-    """m, the greatest value."""
     lift: float
     """m above a body's lowest point at which what is lower is judged."""
 
@@ -82,17 +81,12 @@ class ClearanceField:
     the mean of d_S over this height. So the clearance of a body is continuous in z too.
 
     What a body stands on does not count, and may rise by the contact tolerance above its lowest
-    point: what of the body is lower than `lift` above that point is judged at that height.
-
-    Attributes:
-        lift: see above, metres.
+    point: what of the body is lower than `LIFT_M` above that point is judged at that height.
 
     Args:
         obstacles: their points that lie in V, grown by `beyond`, count.
         volume: V.
         beyond: how far outside V things count, metres: 0 is the paper's definition.
-        cap: greatest value, metres: what an empty table has.
-        contact_tolerance: by how much support may rise above a body's lowest point, metres.
         slope: heights are those above a plane of this slope through the origin, and so are those of
             all that is asked for.
     """
@@ -102,24 +96,14 @@ class ClearanceField:
         obstacles: ObstacleSet,
         volume: TargetVolume,
         beyond: float = 0.0,
-        cap: float = CAP,
-        contact_tolerance: float = 0.003,
         slope: Slope = LEVEL,
     ) -> None:
-        for name, value in (
-            ("beyond", beyond),
-            ("cap", cap),
-            ("contact_tolerance", contact_tolerance),
-        ):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ParameterError(name, value, "give a length of at least 0 m")
-        self.lift = contact_tolerance + 0.5 * VOXEL_M + END_STEP_M
         grown = volume.boxes + np.array([[-beyond], [beyond]])
         runs = _vertical_runs(obstacles.points, grown, slope)
         low, high = volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
         sides = high - low
         pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
-        near = ((runs.at >= low - cap) & (runs.at <= high + cap)).all(axis=1)
+        near = ((runs.at >= low - CAP) & (runs.at <= high + CAP)).all(axis=1)
         runs = Runs(*(each[near] for each in runs))
         # the raster holds all runs, so that they are handed on from where they are
         first = np.floor((np.min(runs.at, axis=0, initial=np.inf) - low) / pixel)
@@ -139,16 +123,10 @@ class ClearanceField:
             pixel,
             tuple(before + kept + after),
             (slice(before[0], before[0] + kept[0]), slice(before[1], before[1] + kept[1])),
-            cap,
         )
         for array in (values, faces, low):
             array.setflags(write=False)
-        self._table = ClearanceTable(values, faces, low, pixel, float(cap), self.lift)
-
-    @property
-    def cap(self) -> float:
-        """The greatest value, metres."""
-        return self._table.cap
+        self._table = ClearanceTable(values, faces, low, pixel, LIFT_M)
 
     @property
     def pixel(self) -> float:
@@ -172,27 +150,22 @@ class ClearanceField:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
         T = np.tile(np.eye(4), (len(points), 1, 1))
         T[:, :3, 3] = points
-        table, origin = self._table._replace(lift=0.0), np.zeros((1, 3))
-        return np.asarray(_mean_clearance(table, *map(_contiguous_view, (T, origin)), False)[0])
+        table, origin = self._table._replace(lift=0.0), _contiguous_view(np.zeros((1, 3)))
+        return np.asarray(_mean_clearance(table, _contiguous_view(T), origin, False)[0])
 
-    def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
+    def mean_clearance(
+        self, T_world_object: Array, points: Array, slopes: bool = True
+    ) -> tuple[Array, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
 
         Args:
-            T_world_object: (4, 4).
+            T_world_object: (m, 4, 4).
             points: (n, 3), B_o in the object frame.
+            slopes: without, no change is told, which takes less time.
 
         Returns:
-            The mean of d_S over B_o, metres; (3,) its change per metre, metre and radian.
+            (m,) mean of d_S over B_o, metres; (m, 3) its change per metre, metre and radian.
         """
-        values, gradients = self.mean_clearance_batch(np.asarray(T_world_object)[None], points)
-        return float(values[0]), np.asarray(gradients[0])
-
-    def mean_clearance_batch(
-        self, T_world_object: Array, points: Array, slopes: bool = True
-    ) -> tuple[Array, Array]:
-        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
-        0, which takes less time."""
         return _mean_clearance(
             self._table, _contiguous_view(T_world_object), _contiguous_view(points), slopes
         )
@@ -361,7 +334,6 @@ def _fill_slices(
     pixel: float,
     shape: tuple[int, int],
     kept: tuple[slice, slice],
-    cap: float,
 ) -> Field:
     """`ClearanceTable.values` of those pixels of a raster, of that shape, that are kept.
 
@@ -372,8 +344,8 @@ def _fill_slices(
     slices = len(faces) - 1
     elements = np.zeros((len(number), 4))
     elements[:, :2] = (runs.at - origin) / pixel
-    near, who = np.full(shape, np.float32(cap / pixel)), np.full(shape, np.int32(-1))
-    values = np.full((slices, *near[kept].shape, 2), np.float32(cap))
+    near, who = np.full(shape, np.float32(CAP / pixel)), np.full(shape, np.int32(-1))
+    values = np.full((slices, *near[kept].shape, 2), np.float32(CAP))
     first = np.array([each.start for each in kept])
     ended = np.searchsorted(-number, -np.arange(slices), side="right")  # in or above each slice
     for s in range(slices - 1, -1, -1):
@@ -480,7 +452,7 @@ def _voxel_mean(table: ClearanceTable, x: float, y: float, z: float) -> tuple[fl
             along_y += share * ((b - a) * (1.0 - u) + (d - c) * u) / table.pixel
         low = end
         s += 1
-    total += max(top - low, 0.0) / VOXEL_M * table.cap  # above all that ends
+    total += max(top - low, 0.0) / VOXEL_M * CAP  # above all that ends
     return total, along_x, along_y
 
 

@@ -15,6 +15,8 @@ from placement_planner_ros.core.uncounted import Uncounted
 
 AROUND_M, CLEAR_M = 0.35, 0.1
 """m beside V in which surfaces are known, and m below and above them in which points matter."""
+CONTACT_TOLERANCE_M = 0.003
+"""m above or below a surface within which what stands on it touches."""
 STEP_M = 0.005
 """m that one surface is above another at least; what is nearer to a surface is part of it."""
 SURE_NOISES = 4.0

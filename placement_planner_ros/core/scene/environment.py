@@ -12,7 +12,11 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
-from placement_planner_ros.core.scene.cloud import AROUND_M, crop_cloud
+from placement_planner_ros.core.scene.cloud import (
+    AROUND_M,
+    CONTACT_TOLERANCE_M,
+    crop_cloud,
+)
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
 from placement_planner_ros.core.scene.compartment import has_unseen_ceiling
 from placement_planner_ros.core.scene.freespace import OutsideRobot, SeenSpace, View
@@ -31,9 +35,6 @@ from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.walls import Wall, find_walls
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
-
-CONTACT_TOLERANCE_M = 0.003
-"""m above or below a region's height within which surface is of it."""
 
 
 def require_room(volume: TargetVolume, cell_size: float) -> None:
@@ -77,7 +78,7 @@ class Incline:
     def clearance(self) -> ClearanceField:
         """d_S in V for what stands on them: sideways is along the slope."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume, self.beyond, slope=self.slope)
+        return ClearanceField(self.measured, self.volume, self.beyond, self.slope)
 
     def sheared(self, T_world_object: Array) -> Array:
         """(n, 4, 4) what takes points of the object to x, y and their height above the plane."""

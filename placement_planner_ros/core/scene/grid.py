@@ -112,11 +112,6 @@ class ObstacleSet:
         )
 
     @property
-    def index(self) -> npt.NDArray[np.int32]:
-        """(nx, ny, nz) cell to its first box, or -1, made anew: for a look, not for searches."""
-        return self.number_at - np.int32(1)
-
-    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner (3,) of the grid, metres."""
         return self.origin, self.origin + self.cell_size * np.array(self.shape)

@@ -6,8 +6,7 @@ import pytest
 from helpers.points import BOUNDS, floor_can_shelf_wall, plane
 from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.clearance import MOST_PIXELS, ClearanceField
+from placement_planner_ros.core.scene.clearance import CAP, LIFT_M, MOST_PIXELS, ClearanceField
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import TargetVolume
 
@@ -174,7 +173,7 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
             low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
             obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
             field = ClearanceField(obstacles, VOLUME)
-            found.append([field.mean_clearance(p.homogeneous, b)[0] for p, b, _ in poses])
+            found.append([field.mean_clearance(p.homogeneous[None], b)[0][0] for p, b, _ in poses])
         found = np.array(found)
         spread.append(np.ptp(found, axis=0))
         off.append(np.abs(found - [true for *_, true in poses]))
@@ -206,9 +205,9 @@ def test_values_around_several_boxes_are_those_of_the_definition(obstacles):
 
 def test_an_empty_volume_has_the_cap(obstacles):
     empty = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
-    field = ClearanceField(empty, VOLUME, cap=0.4)
+    field = ClearanceField(empty, VOLUME)
     points = np.random.default_rng(0).uniform(-1, 1, (50, 3))
-    np.testing.assert_allclose(field.distance(points), 0.4, rtol=1e-6)
+    np.testing.assert_allclose(field.distance(points), CAP, rtol=1e-6)
     volume = TargetVolume(np.array([-0.3, -0.3, 0.3]), np.array([-0.1, 0.0, 0.4]))
     above = ClearanceField(obstacles, volume)
     np.testing.assert_allclose(above.distance(np.array([[-0.2, -0.1, 0.31]])), 0.5)
@@ -224,16 +223,18 @@ def test_noisy_support_within_the_contact_tolerance_does_not_count():
         field = ClearanceField(obstacles, VOLUME)
         points = np.c_[rng.uniform(-0.1, 0.1, (200, 2)), np.full(200, 0.0001)]
         pose = pin.SE3(np.eye(3), np.array([0.0, 0.0, height]))
-        assert field.mean_clearance(pose.homogeneous, points)[0] == pytest.approx(0.5, abs=1e-6)
+        assert field.mean_clearance(pose.homogeneous[None], points)[0] == pytest.approx(
+            0.5, abs=1e-6
+        )
 
 
 def test_mean_clearance_and_its_gradient(field):
     rng = np.random.default_rng(4)
     body = rng.uniform(-0.04, 0.04, (400, 3)) + np.array([0.03, 0.0, 0.05])
     pose = pin.SE3(pin.utils.rotate("z", 0.7) @ pin.utils.rotate("x", 0.3), np.array([0, 0, 0.05]))
-    value, gradient = field.mean_clearance(pose.homogeneous, body)
+    (value,), (gradient,) = field.mean_clearance(pose.homogeneous[None], body)
     world = body @ pose.rotation.T + pose.translation
-    world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
+    world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + LIFT_M)
     assert value == pytest.approx(field.distance(world).mean(), abs=1e-12)
     step = 1e-6
 
@@ -242,14 +243,7 @@ def test_mean_clearance_and_its_gradient(field):
             pin.utils.rotate("z", change[2]) @ pose.rotation,
             pose.translation + np.array([change[0], change[1], 0.0]),
         )
-        return field.mean_clearance(turned.homogeneous, body)[0]
+        return field.mean_clearance(turned.homogeneous[None], body)[0][0]
 
     numeric = [(at(step * e) - at(-step * e)) / (2 * step) for e in np.eye(3)]
     np.testing.assert_allclose(gradient, numeric, atol=2e-3)
-
-
-def test_bad_lengths_are_refused(obstacles):
-    with pytest.raises(ParameterError):
-        ClearanceField(obstacles, VOLUME, cap=float("nan"))
-    with pytest.raises(ParameterError, match="beyond"):
-        ClearanceField(obstacles, VOLUME, beyond=-0.1)

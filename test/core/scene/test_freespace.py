@@ -114,7 +114,7 @@ def test_what_is_seen_free_stays_free_with_and_without_noise():
         view = view_of(FLOOR, WALL, CRATE, noise=noise)
         obstacles = measured(view)
         cells = unknown_cells(obstacles, [view])
-        assert (obstacles.index[tuple(cells.T)] == -1).all()
+        assert (obstacles.number_at[tuple(cells.T)] == 0).all()
         low = obstacles.origin + cells * SIZE
         above_floor = low[:, 2] > 0.004 + noise
         beside = np.abs(low[:, 1]) > 0.25
@@ -128,7 +128,7 @@ def test_the_inside_of_the_crate_cannot_be_entered_nor_its_shadow():
     environment = Environment.from_points(
         view.points, VOLUME, bounds=BOUNDS, sights=[view]
     ).with_unknown()
-    occupied = environment.obstacles.index >= 0
+    occupied = environment.obstacles.number_at > 0
     for into in ((0.0, 0.0, 0.05), (0.1, 0.0, 0.05)):
         for axis in range(3):
             for side in (-1, 1):
