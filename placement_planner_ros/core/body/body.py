@@ -15,7 +15,7 @@ from placement_planner_ros.core.body.convex_part import (
     polytope_of,
     read_only,
 )
-from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
 from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
 from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
@@ -67,7 +67,7 @@ class Body:
         center_of_mass: npt.ArrayLike | None = None,
         scale: float = 1.0,
         settings: BodySettings | None = None,
-        cover: CoverMaker = make_cover,
+        cover: CoverMaker = kept_cover,
     ) -> Body:
         """Prepare the object for planning.
 

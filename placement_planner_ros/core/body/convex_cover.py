@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from placement_planner_ros.core.body.convex_part import (
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
 from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 COVER_TOLERANCE_M = 0.010
@@ -70,26 +71,29 @@ def convex_cover(
     vertices: Array,
     triangles: Triangles,
     tolerance: float,
-    step: Callable[[], None] = lambda: None,
 ) -> Cover:
-    """Cover a mesh by at most `MAX_PARTS` convex parts.
+    """Cover a mesh by at most `MAX_PARTS` convex parts; `stoppable`.
 
     Args:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
         tolerance: metres that parts may reach beyond the mesh; more where it needs too many parts.
-        step: called before each stage of the work, a second at the most; what it raises ends it.
     """
     components = Components.of(vertices, triangles)
-    step()
-    # Cut until every piece is near the mesh, then join what stays near it.
+    # Cut until every piece is near the mesh.
     cells = MeshCells(components.corners, tolerance)
-    pieces, far = _cut_pieces(components.corners, cells, step)
-    hulls, far = _joined_hulls([piece.hull for piece in pieces], cells, far, step)
+    hulls, far = _cut_hulls(components.corners, cells)
+    # Join what stays near it; where too many are left, let them reach further.
+    hulls = _joined_pairs(hulls, far)
+    while len(hulls) > MAX_PARTS:
+        far = far.further_away()
+        hulls = _joined_pairs(hulls, far)
     # Simpler hulls are larger: what is far is judged by what came out.
-    hulls = [_simpler_part(hull, far) for hull in hulls]
+    made = [simpler_hull(hull, 0.5 * cells.cell) for hull in hulls]
+    held = zip(hulls, made, strict=True)
+    hulls = [simpler_hull(hull, 0.0) if far.is_met_by(one) else one for hull, one in held]
     while any(map(far.is_met_by, hulls)):
-        far = cells.far(far.reach + 2.0 * cells.cell)
+        far = far.further_away()
     parts = tuple(map(grown_hull, hulls))
     return Cover(parts, far.reach, bool(components.closed.all()))
 
@@ -169,52 +173,29 @@ def cut_triangles(corners: Array, axis: int, at: float) -> tuple[Array, Array]:
     return below, np.concatenate([corners[count == 0], tip[~tips_below], rest[~rest_below]])
 
 
-def _cut_pieces(
-    corners: Array, cells: MeshCells, step: Callable[[], None]
-) -> tuple[list[CutPiece], FarCells]:
-    """Halve a mesh of triangles (t, 3, 3), larger pieces first, until none meets a far cell, and
+def _cut_hulls(corners: Array, cells: MeshCells) -> tuple[list[ConvexPart], FarCells]:
+    """Halve a mesh of triangles (t, 3, 3), larger pieces first, until no hull meets a far cell, and
     what is far: more than the tolerance where it would be too many pieces."""
     far = cells.far(cells.tolerance)
     around = np.stack([cells.low, cells.high])
     open_ = deque([CutPiece(around, corners, hull_around(corners.reshape(-1, 3)))])
-    done: list[CutPiece] = []
+    done: list[ConvexPart] = []
     while open_:
-        step()
+        step("covering a mesh with convex parts")
         piece = open_.popleft()
         if not far.is_met_by(piece.hull):
-            done.append(piece)
+            done.append(piece.hull)
             continue
         # Cut it, as long as there may be more pieces; else all that is left is judged anew.
         few = len(done) + len(open_) + 1 < MAX_PIECES
         halves = piece.halves(cells) if few else ()
         if not halves:
-            far = cells.far(far.reach + 2.0 * cells.cell)
+            far = far.further_away()
         open_.extend(halves or [piece])
     return done, far
 
 
-def _joined_hulls(
-    hulls: Sequence[ConvexPart], cells: MeshCells, far: FarCells, step: Callable[[], None]
-) -> tuple[list[ConvexPart], FarCells]:
-    """As few hulls as joining one pair after the other leaves, the pair with the smallest box
-    around it first, and what is far."""
-    while True:
-        # Join; where too many are left, let them reach further.
-        hulls = _joined_pairs(hulls, far, step)
-        if len(hulls) <= MAX_PARTS:
-            return hulls, far
-        far = cells.far(far.reach + 2.0 * cells.cell)
-
-
-def _simpler_part(hull: ConvexPart, far: FarCells) -> ConvexPart:
-    """One around it with fewer vertices, that holds no far points either, where there is."""
-    made = simpler_hull(hull, far.half)
-    return simpler_hull(hull, 0.0) if far.is_met_by(made) else made
-
-
-def _joined_pairs(
-    hulls: Sequence[ConvexPart], far: FarCells, step: Callable[[], None]
-) -> list[ConvexPart]:
+def _joined_pairs(hulls: Sequence[ConvexPart], far: FarCells) -> list[ConvexPart]:
     """Those left of some hulls when no common hull of two is free of far points."""
     # Sizes of the boxes around pairs, each once; infinite where they are apart, or did not join.
     joined, left = list(hulls), np.ones(len(hulls), np.bool_)
@@ -222,7 +203,7 @@ def _joined_pairs(
     sizes = np.stack([_common_sizes(box, boxes, far.reach) for box in boxes])
     sizes[np.tril_indices(len(hulls))] = np.inf
     while np.isfinite(sizes).any():
-        step()
+        step("covering a mesh with convex parts")
         # The pair with the smallest box.
         i, j = divmod(int(sizes.argmin()), len(hulls))
         both = _common_hull(joined[i], joined[j], far)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +13,6 @@ from placement_planner_ros.core.body.convex_cover import (
 from placement_planner_ros.core.body.convex_part import read_only
 from placement_planner_ros.core.body.mesh_components import Triangles, equal_rows
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
-from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
 
 CoverMaker = Callable[[Array, Triangles, float], Cover]
@@ -47,22 +45,15 @@ class CoveredMesh:
 
 
 def kept_cover(
-    vertices: Array, triangles: Triangles, tolerance: float, make: Callable[[], Cover]
+    vertices: Array, triangles: Triangles, tolerance: float, make: CoverMaker = convex_cover
 ) -> Cover:
-    """The cover of a mesh from disk, or made and kept there.
+    """The cover of a mesh from disk, or made and kept there; `stoppable`.
 
     Args:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
         tolerance: metres that parts may reach beyond the mesh.
-        make: makes the cover; what it raises ends it.
+        make: what it raises ends it.
     """
     key = digest_of(code_digest(__name__), vertices, triangles, tolerance)
-    return stored_result("convex covers", key, make)
-
-
-def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
-    """A cover from disk, or made on the spot and kept; `stoppable`."""
-    doing = functools.partial(step, "covering the object with convex parts")
-    make = functools.partial(convex_cover, vertices, triangles, tolerance, doing)
-    return kept_cover(vertices, triangles, tolerance, make)
+    return stored_result("convex covers", key, lambda: make(vertices, triangles, tolerance))

@@ -36,33 +36,33 @@ class FarCells:
     border.
 
     Attributes:
-        middles: (b, 3) metres, of the border's cells, in their order along x.
-        half: metres, half the side of a cell.
+        grid: all cells; what is outside of their box is far.
         reach: metres.
         cells: mask of all cells, whether they are far.
-        low, high: (3,) metres, corners of the box of all cells; what is outside of it is far.
+        middles: (b, 3) metres, of the border's cells, in their order along x.
     """
 
-    middles: Array
-    half: float
+    grid: MeshCells
     reach: float
     cells: Mask
-    low: Array
-    high: Array
+    middles: Array
+
+    def further_away(self) -> FarCells:
+        """What is further from the mesh by two cells."""
+        return self.grid.far(self.reach + 2.0 * self.grid.cell)
 
     def hold_one_of(self, points: Array) -> bool:
         """Whether one of points (n, 3) within the box of all cells is in a far one."""
-        x, y, z = ((points - self.low) / (2.0 * self.half)).astype(np.int64).T
-        return bool(self.cells[x, y, z].any())
+        return bool(self.cells[self.grid.cells_of(points)].any())
 
     def is_met_by(self, hull: ConvexPart) -> bool:
         """Whether a hull may hold a far point."""
-        if (hull.vertices < self.low).any() or (hull.vertices > self.high).any():
+        low, high, half = hull.vertices.min(axis=0), hull.vertices.max(axis=0), 0.5 * self.grid.cell
+        if (low < self.grid.low).any() or (high > self.grid.high).any():
             return True
         # Only cells that the hull reaches along x.
-        ends = hull.vertices[:, 0].min() - self.half, hull.vertices[:, 0].max() + self.half
-        first, last = np.searchsorted(self.middles[:, 0], ends)
-        return bool(_any_met(self.middles[first:last], hull.normals, hull.offsets, self.half))
+        first, last = np.searchsorted(self.middles[:, 0], (low[0] - half, high[0] + half))
+        return bool(_any_met(self.middles[first:last], hull.normals, hull.offsets, half))
 
 
 @njit(cache=True, nogil=True)
@@ -110,19 +110,20 @@ class MeshCells:
         # Those that the surface passes, and those that the outside leads to.
         free = np.ones(shape, np.bool_)
         for points in surface_points(corners, 0.5 * self.cell):
-            free[self._cells_of(points)] = False
+            free[self.cells_of(points)] = False
         self._outside = _led_to(free, None)
         # No point of a cell is further from those of another than their middles and a diagonal.
         apart = ndimage.distance_transform_edt(free, sampling=self.cell)
         self._distance = (apart + np.sqrt(3.0) * self.cell).astype(np.float32)
 
-    def _cells_of(self, points: Array) -> tuple[npt.NDArray[np.int64], ...]:
+    def cells_of(self, points: Array) -> tuple[npt.NDArray[np.int64], ...]:
+        """(n,) each, the cells of points (n, 3) along every axis."""
         return tuple(((points - self.low) / self.cell).astype(np.int64).T)
 
     def inside(self, points: Array) -> Mask:
         """(n,) which of points (n, 3) within the mesh's box are in it: nothing but a way through
         its surface, or through the cells that it is in, leads to them."""
-        return np.asarray(~self._outside[self._cells_of(points)])
+        return np.asarray(~self._outside[self.cells_of(points)])
 
     def far(self, reach: float) -> FarCells:
         """What is further from the mesh than the reach, in metres."""
@@ -130,7 +131,7 @@ class MeshCells:
         far = _led_to(self._distance > reach, np.ones((3, 3, 3), np.bool_))
         border = far & ndimage.binary_dilation(~far)
         middles = self.low + (np.argwhere(border) + 0.5) * self.cell
-        return FarCells(middles, 0.5 * self.cell, reach, far, self.low, self.high)
+        return FarCells(self, reach, far, middles)
 
 
 def _led_to(cells: Mask, neighbours: Mask | None) -> Mask:

@@ -18,7 +18,6 @@ import pinocchio as pin
 from placement_planner_ros.core.body.convex_cover import (
     Cover,
     coarse_cover_in_words,
-    convex_cover,
     cover_tolerance,
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
@@ -83,9 +82,7 @@ CoverMaker = Callable[[Sequence[LinkMesh]], Sequence[Cover]]
 
 def make_covers(meshes: Sequence[LinkMesh]) -> list[Cover]:
     """The covers of these meshes, from disk where they were made before."""
-    # Each within the tolerance of its size.
-    arguments = [(mesh.vertices, mesh.triangles, mesh.tolerance) for mesh in meshes]
-    return [kept_cover(*each, functools.partial(convex_cover, *each)) for each in arguments]
+    return [kept_cover(mesh.vertices, mesh.triangles, mesh.tolerance) for mesh in meshes]
 
 
 MeshReader = Callable[[str], tuple[Array, Triangles]]

@@ -145,7 +145,7 @@ def cover_in(
         vertices, triangles, tolerance: as of `convex_cover`.
     """
 
-    def make() -> Cover:
+    def make(*_: object) -> Cover:
         try:
             return process.cover(vertices, triangles, tolerance)
         except ProcessorTimeError:

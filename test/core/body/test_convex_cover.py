@@ -133,10 +133,8 @@ def own_cache(monkeypatch, tmp_path):
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
 
 
-def test_a_cover_of_an_object_is_kept(own_cache, monkeypatch):
+def test_a_cover_of_an_object_is_kept(own_cache):
     mesh = np.asarray(RING.vertices), np.asarray(RING.faces)
-    first = covered_mesh.make_cover(*mesh, 0.02).parts
-    with monkeypatch.context() as none:
-        none.setattr(covered_mesh, "convex_cover", lambda *_: pytest.fail("made again"))
-        again = covered_mesh.make_cover(*mesh, 0.02).parts
+    first = covered_mesh.kept_cover(*mesh, 0.02).parts
+    again = covered_mesh.kept_cover(*mesh, 0.02, lambda *_: pytest.fail("made again")).parts
     assert len(first) == len(again) > 1
