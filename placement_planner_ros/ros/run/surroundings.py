@@ -15,6 +15,7 @@ from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disag
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
@@ -128,9 +129,16 @@ class Surroundings:
         Raises:
             PlacementPlannerError: they are unusable.
         """
-        parameters = self.snapshot.parameters
+        parameters, points = self.snapshot.parameters, self.points
+        # what is known comes last; such points would make the whole pass for free of noise, so
+        # those of sensors are projected onto their surfaces before they are joined
+        known = sum(len(part.points) for part in self.snapshot.parts if part.placed)
+        if 0 < known < len(points):
+            sensed, exact = np.split(points, [len(points) - known])
+            measured = ObstacleSet.from_points(sensed, parameters.grid_settings, self.bounds)
+            points = np.vstack([measured.points, exact])
         return Environment.from_points(
-            self.points,
+            points,
             parameters.volume,
             parameters.grid_settings,
             parameters.region_settings,

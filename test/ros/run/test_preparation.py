@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from helpers.fakes import TABLE
 from helpers.snapshots import seen, yumi_snapshot
 
 from placement_planner_ros.core.errors import StartError
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
+from placement_planner_ros.ros.inputs.known_surface import surface_points
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.start_checks import start_notes
 from placement_planner_ros.ros.run.surroundings import Surroundings
@@ -138,3 +140,18 @@ def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot)
         start_notes(inside, preparing.ready(inside))
     with pytest.raises(StartError, match="with the clouds"):
         preparing.prepare(inside, never)
+
+
+def test_a_known_table_lets_no_camera_pass_for_one_without_noise(snapshot):
+    rng = np.random.default_rng(0)
+    board = trimesh.creation.box(bounds=[[0.2, -0.3, -0.04], [0.6, 0.3, 0.0]])
+    top = TABLE.reshape(-1, 3) + rng.normal(0.0, 0.0015, (TABLE.size // 3, 3))
+    both = seen(
+        snapshot,
+        clouds=(top, surface_points(np.asarray(board.triangles))),
+        origins=(SENSOR, None),
+        placed=(False, True),
+    )
+    tops = Surroundings.of(both).environment().measured.upper[:, 2]
+    assert (np.abs(tops) < 0.001).sum() > 1000
+    assert (tops > 0.002).mean() < 0.01
