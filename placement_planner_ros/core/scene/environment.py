@@ -259,6 +259,7 @@ class Environment:
         *,
         sights: Sequence[View] = (),
         beyond_volume: bool = True,
+        noise: float | None = None,
     ) -> Environment:
         """Preprocess a cloud; what no sensor saw is free, unless `with_unknown` has it otherwise.
 
@@ -273,6 +274,8 @@ class Environment:
                 prove gaps in surfaces, see `support_sights`.
             beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
                 paper's definition.
+            noise: metres, of points that lie on their surfaces already; estimated, and removed,
+                unless given.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
@@ -282,7 +285,7 @@ class Environment:
         require_room(volume, grid.cell_size)
         cloud = crop_cloud(points, bounds, (volume.lower, volume.upper), grid.cell_size)
         step("making the obstacle set of the clouds")
-        measured = ObstacleSet.of_cloud(cloud.points, grid, *cloud.held)
+        measured = ObstacleSet.of_cloud(cloud.points, grid, *cloud.held, noise)
         step("finding placement regions")
         around = volume.lower - CAP, volume.upper + CAP
         seen = tuple(view.towards(*around, grid.cell_size) for view in sights)

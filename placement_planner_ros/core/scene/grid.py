@@ -152,9 +152,19 @@ class ObstacleSet:
 
     @classmethod
     def of_cloud(
-        cls, cloud: Array, settings: GridSettings, lower: Array, upper: Array
+        cls,
+        cloud: Array,
+        settings: GridSettings,
+        lower: Array,
+        upper: Array,
+        noise: float | None = None,
     ) -> ObstacleSet:
-        """`from_points` of what has been checked."""
+        """`from_points` of what has been checked.
+
+        Args:
+            noise: of points that lie on their surfaces already; estimated, and removed, unless
+                given.
+        """
         size, origin = settings.cell_size, lattice_corner(lower, settings.cell_size)
         shape = _grid_shape(origin, upper, settings)
 
@@ -163,12 +173,13 @@ class ObstacleSet:
             found = sort_into_cells(points, origin, size, lower, upper, number_at)
             return Bins(*found, number_at)
 
-        bins, noise = sort(cloud), 0.0
-        if len(bins.cells):
+        bins = sort(cloud)
+        if noise is None and len(bins.cells):
             clean, noise = without_noise(
                 bins, origin, size, settings.noise_floor, settings.min_points, (lower, upper)
             )
             bins = bins if clean is None else sort(clean)
+        noise = noise or 0.0
         skin = surface_tolerance(noise)
         boxes = CellBoxes(*boxes_of_cells(bins, skin, settings.max_boxes_per_cell))
         low, high = close_gaps(boxes, bins.number_at, origin, size, skin)

@@ -130,13 +130,14 @@ class Surroundings:
             PlacementPlannerError: they are unusable.
         """
         parameters, points = self.snapshot.parameters, self.points
+        noise: float | None = None
         # what is known comes last; such points would make the whole pass for free of noise, so
         # those of sensors are projected onto their surfaces before they are joined
         known = sum(len(part.points) for part in self.snapshot.parts if part.placed)
         if 0 < known < len(points):
             sensed, exact = np.split(points, [len(points) - known])
             measured = ObstacleSet.from_points(sensed, parameters.grid_settings, self.bounds)
-            points = np.vstack([measured.points, exact])
+            points, noise = np.vstack([measured.points, exact]), measured.noise
         return Environment.from_points(
             points,
             parameters.volume,
@@ -145,6 +146,7 @@ class Surroundings:
             self.bounds,
             sights=self.sights,
             beyond_volume=parameters["clearance.beyond_volume"],
+            noise=noise,
         )
 
     def environment(self, scene: Environment | None = None) -> Environment:

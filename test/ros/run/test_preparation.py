@@ -152,6 +152,8 @@ def test_a_known_table_lets_no_camera_pass_for_one_without_noise(snapshot):
         origins=(SENSOR, None),
         placed=(False, True),
     )
-    tops = Surroundings.of(both).environment().measured.upper[:, 2]
+    measured = Surroundings.of(both).environment().measured
+    assert measured.noise == pytest.approx(0.0015, rel=0.2)
+    tops = measured.upper[:, 2]
     assert (np.abs(tops) < 0.001).sum() > 1000
     assert (tops > 0.002).mean() < 0.01
