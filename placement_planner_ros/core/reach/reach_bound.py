@@ -33,9 +33,36 @@ class ReachBound:
     length: float
 
     @classmethod
+    @lru_cache(maxsize=64)
     def of(cls, chain: Chain) -> ReachBound:
         """The bound of a chain, remembered."""
-        return _make_reach_bound(chain)
+        # A joint that slides stands in the middle of its range.
+        frames = chain.fixed
+        middle = np.where(chain.prismatic, 0.5 * (chain.lower + chain.upper), 0.0)
+        half = np.where(chain.prismatic, 0.5 * (chain.upper - chain.lower), 0.0)
+
+        def gaps(along: Array) -> Array:
+            """(dof - 1, 3) vectors between points at `along` on consecutive axes."""
+            links = frames[1:-1]
+            ahead = links[:, :3, 3] + links[:, :3, 2] * (along + middle)[1:, None]
+            behind = np.zeros_like(ahead)
+            behind[:, 2] = along[:-1]
+            return ahead - behind
+
+        def total(along: Array) -> float:
+            return float(np.linalg.norm(gaps(along), axis=1).sum())
+
+        # Points on the axes with the least way through them.
+        along = np.asarray(minimize(total, np.zeros(chain.dof), method="Powell").x).reshape(-1)
+        T_last_tip = frames[-1]
+        on_last = np.array([0.0, 0.0, along[-1]])
+        on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
+        # What a slide may add to the way.
+        return ReachBound(
+            shoulder=(frames[0] @ on_first)[:3],
+            wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),
+            length=total(along) + float(half.sum()) + ROUNDING,
+        )
 
     def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
         """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
@@ -50,34 +77,3 @@ def lever_arms(chain: Chain, points: Array) -> Array:
     links[:-1] += slides[1:]
     links[-1] += float(np.linalg.norm(points, axis=1).max())
     return np.asarray(np.where(chain.prismatic, 1.0, np.cumsum(links[::-1])[::-1]))
-
-
-@lru_cache(maxsize=64)
-def _make_reach_bound(chain: Chain) -> ReachBound:
-    # A joint that slides stands in the middle of its range.
-    frames = chain.fixed
-    middle = np.where(chain.prismatic, 0.5 * (chain.lower + chain.upper), 0.0)
-    half = np.where(chain.prismatic, 0.5 * (chain.upper - chain.lower), 0.0)
-
-    def gaps(along: Array) -> Array:
-        """(dof - 1, 3) vectors between points at `along` on consecutive axes."""
-        links = frames[1:-1]
-        ahead = links[:, :3, 3] + links[:, :3, 2] * (along + middle)[1:, None]
-        behind = np.zeros_like(ahead)
-        behind[:, 2] = along[:-1]
-        return ahead - behind
-
-    def total(along: Array) -> float:
-        return float(np.linalg.norm(gaps(along), axis=1).sum())
-
-    # Points on the axes with the least way through them, further than which the arm never reaches.
-    along = np.asarray(minimize(total, np.zeros(chain.dof), method="Powell").x).reshape(-1)
-    T_last_tip = frames[-1]
-    on_last = np.array([0.0, 0.0, along[-1]])
-    on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
-    # What a slide may add to the way.
-    return ReachBound(
-        shoulder=(frames[0] @ on_first)[:3],
-        wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),
-        length=total(along) + float(half.sum()) + ROUNDING,
-    )

@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik_kernels import ROTATION_SCALE_M
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array, frozen_array
@@ -26,12 +25,10 @@ class SeedTable:
     Args:
         chain: the arm.
         rng: draws the table.
-        size: rows.
+        size: rows, no fewer than `WINDOW_ROWS`.
     """
 
     def __init__(self, chain: Chain, rng: np.random.Generator, size: int = 8192) -> None:
-        if size < WINDOW_ROWS:
-            raise ParameterError("seed table size", size, f"must be at least {WINDOW_ROWS}")
         Q = chain.random(rng, (size,))
         # The first rows again after the last, so that every window is in one piece.
         self._configurations = frozen_array(np.concatenate([Q, Q[: WINDOW_ROWS - 1]]))
@@ -42,14 +39,12 @@ class SeedTable:
     def near(self, T_world_tip: Array, count: int, rng: np.random.Generator) -> Array:
         """The nearest of a random window of `WINDOW_ROWS` rows, for (n, 4, 4) poses.
 
+        Args:
+            count: at most `WINDOW_ROWS`.
+
         Returns:
             (n, count, dof), nearest first; another call looks at another window.
-
-        Raises:
-            ParameterError: count is not between 1 and `WINDOW_ROWS`.
         """
-        if not 1 <= count <= WINDOW_ROWS:
-            raise ParameterError("seed count", count, f"must be between 1 and {WINDOW_ROWS}")
         seeds = np.empty((len(T_world_tip), count, self._configurations.shape[1]))
         starts = rng.integers(self._size, size=len(T_world_tip))
         for n, wanted in enumerate(_pose_features(T_world_tip)):

@@ -107,15 +107,11 @@ def _ties(robot: Robot, where: str, joints: Sequence[str], chain: Sequence[str])
         elif follower in joints or (
             mimic.master in joints and (follower in chain or _moves_shapes(robot, follower))
         ):
-            together = (f for f, each in robot.mimics.items() if each.master == mimic.master)
-            group = {mimic.master, *together}
-            others = [joint for joint in joints if joint not in group]
-            raise RobotError(
-                f"{where}: joints",
-                follower,
-                f"mimics {mimic.master}, and not both are joints of the arm: where they should "
-                f"stay where they are, leave out what moves together: {others}",
-            )
+            together = [f for f, each in robot.mimics.items() if each.master == mimic.master]
+            others = [joint for joint in joints if joint not in (mimic.master, *together)]
+            words = f"mimics {mimic.master}, and not both are joints of the arm: where they should "
+            words += f"stay where they are, leave out what moves together: {others}"
+            raise RobotError(f"{where}: joints", follower, words)
     return np.array(ties, dtype=np.float64).reshape(-1, 4)
 
 
@@ -126,17 +122,14 @@ def _moves_shapes(robot: Robot, joint: str) -> bool:
 
 
 def _hand_links(robot: Robot, tip_frame: str) -> tuple[str, ...]:
-    frame_id = robot.frame_id(tip_frame)
+    frames, frame = robot.model.frames, robot.frame_id(tip_frame)
     # Up as long as nothing has geometry and no joint is passed.
-    joint = robot.model.frames[frame_id].parentJoint
     while True:
-        links = robot.carried_links(frame_id)
-        above = robot.model.frames[frame_id].parentFrame
-        if set(links) & set(robot.geometry_links) or (
-            robot.model.frames[above].parentJoint != joint
-        ):
+        links, above = robot.carried_links(frame), frames[frame].parentFrame
+        moves = frames[above].parentJoint != frames[frame].parentJoint
+        if moves or not set(links).isdisjoint(robot.geometry_links):
             return links
-        frame_id = above
+        frame = above
 
 
 def _checked_gripper(
@@ -147,11 +140,8 @@ def _checked_gripper(
     gripper_open: Sequence[float],
 ) -> tuple[float, ...]:
     if len(gripper_joints) != len(gripper_open):
-        raise RobotError(
-            f"{where}: gripper_open",
-            list(gripper_open),
-            f"give one value for each of gripper_joints {list(gripper_joints)}",
-        )
+        words = f"give one value for each of gripper_joints {list(gripper_joints)}"
+        raise RobotError(f"{where}: gripper_open", list(gripper_open), words)
     # Joints of the hand alone, within their limits.
     for joint, value in zip(gripper_joints, gripper_open, strict=True):
         field = f"{where}: gripper_joints"

@@ -88,12 +88,9 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
         if kind in MOVABLE:
             joints[name] = read_joint(name, elements, limits.get(name, JointLimit()), warnings)
         elif kind != "fixed":
-            raise RobotError(
-                f"joint {name}",
-                kind,
-                "only fixed, revolute, continuous and prismatic joints have one coordinate;"
-                " fix this joint or replace it by a chain of those",
-            )
+            words = "only fixed, revolute, continuous and prismatic joints have one coordinate;"
+            words += " fix this joint or replace it by a chain of those"
+            raise RobotError(f"joint {name}", kind, words)
     # What is said of joints must be said of these.
     if strangers := sorted(set(limits) - set(joints)):
         names = listed(strangers)

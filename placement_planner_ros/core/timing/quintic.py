@@ -52,10 +52,8 @@ def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajector
     both sides, as it is where `parameterize_path` starts and ends.
 
     Raises:
-        ParameterError: the joints differ, or the ends do not meet.
+        ParameterError: the ends do not meet.
     """
-    if first.joints != second.joints:
-        raise ParameterError("joints", second.joints, f"must be those of the first {first.joints}")
     # Where both meet.
     for name in ("positions", "velocities", "accelerations"):
         end, start = getattr(first, name)[-1], getattr(second, name)[0]

@@ -18,7 +18,6 @@ from toppra.algorithm import TOPPRA
 from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 from toppra.interpolator import AbstractGeometricPath
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.carried_point import (
     CarriedPoint,
@@ -93,19 +92,9 @@ def parameterize_path(
     Returns:
         The trajectory; of a path that does not move, its one point. None where no timed curve
         could be certified (even with a stop at every waypoint), or where it was stopped.
-
-    Raises:
-        ParameterError: shapes or limits are unusable.
     """
     settings, limits = CurveSettings(), np.array(limits, dtype=np.float64)
     path = np.array(path, dtype=np.float64)
-    if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
-        raise ParameterError("path", path.shape, "give at least one finite waypoint")
-    if path.shape[1] != len(joints) or limits.shape != (2, len(joints)):
-        raise ParameterError("joints", tuple(joints), "give one path column and limit for each")
-    if not (np.isfinite(limits) & (limits > 0.0)).all():
-        raise ParameterError("limits", limits.tolist(), "give finite numbers above zero")
-
     # A path that does not move is its one point.
     waypoints = _distinct_waypoints(path)
     if len(waypoints) == 1:
@@ -216,7 +205,7 @@ def _timed_stretch(
     window = min(settings.smoothing_time, 0.2 * times[-1])
     duration = times[-1] + window
     interval = min(settings.max_interval, 0.5 * window)
-    best = None
+    best: tuple[float, tuple[Array, ...]] = (np.inf, ())
     for finer in (1, 2, 4):
         count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
         # Sample the smoothed motion.
@@ -229,11 +218,10 @@ def _timed_stretch(
         if carried is not None:
             hardest = carried.largest_acceleration(points, durations) / carried.limit
             ratio = max(ratio, float(np.sqrt(hardest)))
-        if best is None or ratio < best[0]:
+        if ratio < best[0]:
             best = ratio, timed
         if ratio < 1.05:
             break
-    assert best is not None
     # Slow the best down until all limits hold.
     stretch, (t, q, v, a) = best[0] * (1.0 + 1e-9), best[1]
     return t * stretch, q, v / stretch, a / stretch**2
