@@ -20,11 +20,8 @@ import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.robot.geometry import triangle_geometry
+from placement_planner_ros.core.collision.attached_object import AttachedObject, object_solids
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -73,8 +70,8 @@ class ExactCollision:
             T_joint_object = tip.placement * arm.grasps[load.grasp]
             for i, part in enumerate(parts):
                 name = f"held object {i}"
-                shape = part.geometry if part.mesh is None else _triangles_of(part.mesh)
-                shapes.append(pin.GeometryObject(name, tip.parentJoint, T_joint_object, shape))
+                thing = pin.GeometryObject(name, tip.parentJoint, T_joint_object, part.geometry)
+                shapes.append(thing)
         above = [_joint_above(robot.model, arm, shape.parentJoint) for shape in shapes]
         self._geometry = pin.GeometryModel()
         for shape in shapes:
@@ -241,10 +238,6 @@ class ExactCollision:
             self._answer.data.request.security_margin = margin
             for request in self._placed.collisionRequests:
                 request.security_margin = self_margin
-
-
-def _triangles_of(mesh: CoveredMesh) -> coal.CollisionGeometry:
-    return triangle_geometry(mesh.vertices, mesh.triangles)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

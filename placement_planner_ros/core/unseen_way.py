@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.collision.link_shapes import link_shapes
-from placement_planner_ros.core.collision.shapes import ConvexSet
+from placement_planner_ros.core.collision.shapes import ConvexSet, link_shapes
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot

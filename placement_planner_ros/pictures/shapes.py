@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from placement_planner_ros.core.collision.link_shapes import shape_triangles
+from placement_planner_ros.core.collision.shapes import shape_triangles
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.rendering import Mesh

@@ -17,7 +17,7 @@ from numba import njit
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placed_meshes import mesh_keeps_box
-from placement_planner_ros.core.collision.placing import note_hit, place_set
+from placement_planner_ros.core.collision.placing import place_set
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
@@ -27,6 +27,16 @@ SET_MOTION_M = 0.02
 """Metres of motion over an interval above which convex sets are not looked at: halves will tell."""
 MESH_MOTION_M = 0.004
 """The like for meshes, which take longer."""
+
+
+class KeptMargins(NamedTuple):
+    """What a configuration is to keep, metres."""
+
+    margin: float
+    """From the obstacle set; `self_margin`: of the robot from itself."""
+    self_margin: float
+    contact: bool
+    """Whether the held object is left out against the obstacle set."""
 
 
 class BoxArrays(NamedTuple):
@@ -56,7 +66,7 @@ class BoxArrays(NamedTuple):
     how far below a set boxes are no matter, and how far below the contact plane; metres."""
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def distance_bounds(
     grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
 ) -> tuple[float, float]:
@@ -89,63 +99,33 @@ def distance_bounds(
     return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def layer_range(
-    layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
-) -> tuple[int, int]:
-    """Which of the boxes first..last of one column lie in the layers low..high (not included)."""
-    # Bisect for the first box in the layers from `low` on.
-    end = last
-    while first < end:
-        middle = (first + end) // 2
-        if layers[middle] < low:
-            first = middle + 1
-        else:
-            end = middle
-    # From there, the boxes up to the layer `high`.
-    end = first
-    while end < last and layers[end] < high:
-        end += 1
-    return first, end
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _is_support(boxes: BoxArrays, box: int, lowest: float) -> bool:
-    """Whether a box is support, or so far below that it is no matter.
-
-    Args:
-        lowest: height that nothing of the set is below.
-    """
-    above = boxes.tops[box] - boxes.support[0]
-    return bool(
-        abs(above) <= boxes.support[1]
-        or lowest - boxes.corners[box, 5] >= boxes.support[2]
-        or -above >= boxes.support[3]
-    )
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _known_side(
-    arm: ArmArrays, scratch: ArmScratch, s: int, far: float
-) -> tuple[float, float, float, float]:
-    """The direction that last kept a box away from set s, and from where along it boxes are `far`.
-
-    That is infinite where none is known.
-    """
-    frames, sides, vertices = scratch.frames, scratch.sides, scratch.vertices
+def _face_side(arm: ArmArrays, scratch: ArmScratch, s: int, far: float) -> None:
+    """Fill `side` with the direction that last kept a box away from set s, in the world, and from
+    where along it boxes are `far`: nowhere where none is known."""
+    frames, sides, side, vertices = scratch.frames, scratch.sides, scratch.side, scratch.vertices
     joint = arm.sets[s, at.SET_JOINT]
     # Turn the direction into the world.
     x, y, z = sides[s, 0], sides[s, 1], sides[s, 2]
-    if x == 0.0 and y == 0.0 and z == 0.0:
-        return x, y, z, np.inf
     nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
     ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
     nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
     # How far the set reaches along it.
-    reach = -np.inf
+    reach = -np.inf if x != 0.0 or y != 0.0 or z != 0.0 else np.inf
     for v in range(arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]):
         reach = max(reach, nx * vertices[v, 0] + ny * vertices[v, 1] + nz * vertices[v, 2])
-    return nx, ny, nz, reach + arm.radius[s] + far
+    side[0], side[1], side[2], side[3] = nx, ny, nz, reach + arm.radius[s] + far
+
+
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def begin_set(arm: ArmArrays, scratch: ArmScratch, s: int, need: float) -> None:
+    """Place set s, before any of its leaves is held against boxes."""
+    # A set looks at a box once, whichever of its leaves reach it.
+    scratch.counters[1] += 1
+    if scratch.set_stamp[s] < scratch.counters[0]:
+        scratch.set_stamp[s] = scratch.counters[0]
+        place_set(arm, scratch, s)
+    _face_side(arm, scratch, s, need + BOUND_TOLERANCE_M)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -167,10 +147,12 @@ def _set_keeps_box(
         for i in range(3):
             along = frames[joint, 0, i] * x + frames[joint, 1, i] * y + frames[joint, 2, i] * z
             scratch.sides[s, i] = -along / length
+        # What keeps this box away may keep its neighbours away.
+        _face_side(arm, scratch, s, need + BOUND_TOLERANCE_M)
     return apart
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def leaf_keeps_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, node: int, need: float, fine: bool
 ) -> bool:
@@ -178,25 +160,24 @@ def leaf_keeps_boxes(
 
     Boxes are sought in the columns of cells below the leaf's ball: those within it, and not far
     along the direction that last kept a box away from the set; then the set itself, or the mesh
-    that it covers.
+    that it covers. `begin_set` has placed it.
 
     Args:
         fine: whether meshes are asked where their covers come too near.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
-    spheres, bounds, visit = arm.node_spheres, scratch.bounds, scratch.counters[1]
+    spheres, bounds, side, visit = (
+        arm.node_spheres,
+        scratch.bounds,
+        scratch.side,
+        scratch.counters[1],
+    )
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
-    # The set is placed once.
     s = arm.nodes[node, at.NODE_SET]
-    mesh = arm.sets[s, at.SET_MESH]
-    if scratch.set_stamp[s] < scratch.counters[0]:
-        scratch.set_stamp[s] = scratch.counters[0]
-        place_set(arm, scratch, s)
+    joint, mesh = arm.sets[s, at.SET_JOINT], arm.sets[s, at.SET_MESH]
     # The ball that boxes must reach, and its span, no more than the box around the set, grown.
     far = need + BOUND_TOLERANCE_M
-    nx, ny, nz, offset = _known_side(arm, scratch, s, far)
-    joint = arm.sets[s, at.SET_JOINT]
     x, y, z = to_world(scratch.frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
     reach = spheres[node, 3] + far
     x0, x1 = max(x - reach, bounds[s, 0] - far), min(x + reach, bounds[s, 3] + far)
@@ -218,68 +199,74 @@ def leaf_keeps_boxes(
             height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + BOUND_TOLERANCE_M
             # The layers between the lowest and the highest point in question.
             k0 = int(np.floor((max(z - height, z0) - oz) * per_metre))
-            k1 = int(np.floor((min(z + height, z1) - oz) * per_metre)) + 1
-            first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
-            for box in range(first, last):
-                # Skip boxes outside the ball, and those looked at for this set already.
+            k1 = int(np.floor((min(z + height, z1) - oz) * per_metre))
+            for box in range(columns[i, j], columns[i, j + 1]):
+                # Skip boxes of other layers, and those looked at for this set already.
+                if layers[box] > k1:
+                    break
+                if layers[box] < k0 or scratch.box_stamp[box] == visit:
+                    continue
+                # Skip boxes outside the ball.
                 u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
                 v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
                 w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
-                if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
+                if u * u + v * v + w * w > reach * reach:
                     continue
                 scratch.box_stamp[box] = visit
-                # Skip the support.
-                if len(boxes.tops) > 0 and _is_support(boxes, box, bounds[s, 2]):
-                    continue
                 # Skip boxes whose nearest corner is far along the remembered direction.
                 if (
-                    nx * corners[box, 0 if nx > 0.0 else 3]
-                    + ny * corners[box, 1 if ny > 0.0 else 4]
-                    + nz * corners[box, 2 if nz > 0.0 else 5]
-                    >= offset
+                    side[0] * corners[box, 0 if side[0] > 0.0 else 3]
+                    + side[1] * corners[box, 1 if side[1] > 0.0 else 4]
+                    + side[2] * corners[box, 2 if side[2] > 0.0 else 5]
+                    >= side[3]
                 ):
                     continue
+                # Skip the support, and what is so far below that it is no matter.
+                if len(boxes.tops) > 0:
+                    above = boxes.tops[box] - boxes.support[0]
+                    if (
+                        abs(above) <= boxes.support[1]
+                        or bounds[s, 2] - corners[box, 5] >= boxes.support[2]
+                        or -above >= boxes.support[3]
+                    ):
+                        continue
                 # The set itself against the box, from the line between box and leaf on.
                 for k in range(3):
                     middle = 0.5 * (corners[box, k] + corners[box, k + 3])
                     scratch.work[5, k] = (x if k == 0 else y if k == 1 else z) - middle
-                if _set_keeps_box(arm, boxes, scratch, s, box, need):
-                    # What keeps this box away may keep its neighbours away.
-                    nx, ny, nz, offset = _known_side(arm, scratch, s, far)
-                elif not (
+                if not _set_keeps_box(arm, boxes, scratch, s, box, need) and not (
                     fine and mesh >= 0 and mesh_keeps_box(arm, scratch, mesh, corners, box, need)
                 ):
-                    note_hit(scratch, 0, s, box)
+                    scratch.hit[0], scratch.hit[1], scratch.hit[2] = 0, s, box
                     return False
     return True
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def bodies_keep_boxes(
-    arm: ArmArrays,
-    boxes: BoxArrays,
-    scratch: ArmScratch,
-    bodies_asked: tuple[int, int, int],
-    need: float,
-    motion: float,
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, bodies: int, kept: KeptMargins
 ) -> bool:
-    """Whether moving bodies certainly keep `need` from the obstacle set.
+    """Whether the first moving bodies certainly keep the margin from the obstacle set.
+
+    The scratch's `motion` says how far each moves, metres, of which much is left to shorter
+    intervals, and -1 where it is not asked for; what is not kept of that beside the margin is set
+    to 0.
 
     The field bounds the distance d of any point (`distance_bounds`). A sphere of radius r around
     the point holds a piece of the body: it is `need` away from all boxes where d - r ≥ `need`. A
     ball of radius i around the point lies inside the body: `need` is not kept where d - i < `need`.
-    What neither settles down to the leaves of the tree is left to the boxes in their reach.
-
-    Args:
-        bodies_asked: the first, the one after the last, and one that is left out.
-        motion: metres of `need` that are for motion: much of it is left to shorter intervals.
+    What neither settles down to the leaves of the tree is left to the boxes in their reach, once
+    the field has been asked for all bodies: most collisions are found there.
     """
+    if boxes.number == 0:
+        return True
     sets, nodes, spheres, inner = arm.sets, arm.nodes, arm.node_spheres, arm.node_inner
     frames, field_grid, field = scratch.frames, boxes.field_grid, boxes.field
-    first_body, last_body, left_out = bodies_asked
-    previous = -1
-    for body in range(first_body, last_body):
-        if body == left_out:
+    margin, leaves, count = kept.margin, scratch.leaves, 0
+    for body in range(bodies):
+        scratch.leaf_ends[body] = count
+        motion = scratch.motion[body]
+        if motion < 0.0 or (kept.contact and body == arm.held):
             continue
         joint, ball = arm.bodies[body, at.BODY_JOINT], arm.body_spheres[body]
         first, last = arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]
@@ -287,7 +274,7 @@ def bodies_keep_boxes(
         if last - first > 1:
             x, y, z = to_world(frames, joint, ball[0], ball[1], ball[2])
             lower, _ = distance_bounds(field_grid, field, x, y, z)
-            if lower >= ball[3] + need + BOUND_TOLERANCE_M:
+            if lower >= ball[3] + margin + motion + BOUND_TOLERANCE_M:
                 continue
         # The trees of all sets in preorder.
         node, end = sets[first, at.SET_FIRST_NODE], sets[last, at.SET_FIRST_NODE]
@@ -295,23 +282,44 @@ def bodies_keep_boxes(
             # Bounds on the distance of the node's centre to all boxes.
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
             lower, upper = distance_bounds(field_grid, field, x, y, z)
+            lower -= spheres[node, 3] + BOUND_TOLERANCE_M
+            upper -= inner[node] - BOUND_TOLERANCE_M
             # The sphere keeps its distance: skip all that is below it.
-            if lower - spheres[node, 3] - BOUND_TOLERANCE_M >= need:
+            if lower >= margin + motion:
                 node = nodes[node, at.NODE_SKIP]
                 continue
             # The ball inside does not.
-            if upper - inner[node] + BOUND_TOLERANCE_M < need:
-                note_hit(scratch, 2, node, 0)
+            if upper < margin:
+                scratch.hit[0], scratch.hit[1] = 2, node
                 return False
-            s = nodes[node, at.NODE_SET]
-            if s >= 0:
-                if motion > SET_MOTION_M:
-                    return False
-                # A set looks at a box once, whichever of its leaves reach it.
-                if s != previous:
-                    previous = s
-                    scratch.counters[1] += 1
-                if not leaf_keeps_boxes(arm, boxes, scratch, node, need, motion <= MESH_MOTION_M):
-                    return False
+            # Nor the motion, or that is too large to look at sets: only the margin may be kept.
+            leaf = nodes[node, at.NODE_SET] >= 0
+            if motion > 0.0 and (upper < margin + motion or (leaf and motion > SET_MOTION_M)):
+                motion = 0.0
+                continue
+            # A leaf stays open.
+            if leaf:
+                leaves[count] = node
+                count += 1
             node += 1
+        scratch.motion[body] = motion
+    scratch.leaf_ends[bodies] = count
+    # What is left open of each body, against boxes.
+    for body in range(bodies):
+        motion, previous = scratch.motion[body], -1
+        k = scratch.leaf_ends[body]
+        while k < scratch.leaf_ends[body + 1]:
+            s = nodes[leaves[k], at.NODE_SET]
+            if s != previous:
+                previous = s
+                begin_set(arm, scratch, s, margin + motion)
+            fine = motion <= MESH_MOTION_M
+            if leaf_keeps_boxes(arm, boxes, scratch, leaves[k], margin + motion, fine):
+                k += 1
+            elif motion > 0.0:
+                # Once more, for the margin alone.
+                scratch.motion[body] = motion = 0.0
+                previous = -1
+            else:
+                return False
     return True

@@ -15,8 +15,6 @@ from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, s
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
-_UNKNOWN_WINDING = -1
-
 Point = tuple[float, float, float]
 
 
@@ -163,45 +161,21 @@ def winding_number(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) 
 
     A ray counts the triangles that it leaves through, less those that it enters through. Whether
     it passes to the left or to the right of an edge comes out alike for both triangles there, so
-    it slips through no crack; where it meets an edge exactly, another ray is taken.
+    it slips through no crack; where it meets an edge exactly, nothing is known.
     """
-    # A point outside the box around the mesh is outside of it.
-    root = meshes.first_node[mesh]
-    boxes = meshes.boxes
+    # A direction, all of it positive, along no edge that anybody makes.
+    rx, ry, rz = 0.34107, 0.22713, 0.91218
+    # The mesh's nodes: the root's row, its first leaf, and how many nodes are no leaves.
+    boxes, corners = meshes.boxes, meshes.corners
+    root, leaf = meshes.first_node[mesh], meshes.first_leaf[mesh]
+    inner = (meshes.first_node[mesh + 1] - root) // 2
+    # A point beyond the box around the mesh is outside of it.
     if not (
         boxes[root, 0] <= x <= boxes[root, 3]
         and boxes[root, 1] <= y <= boxes[root, 4]
         and boxes[root, 2] <= z <= boxes[root, 5]
     ):
         return 0
-    # The first of three rays that meets no edge exactly.
-    for ray in range(3):
-        if ray == 0:
-            total = _ray_crossings(meshes, mesh, x, y, z, (0.34107, 0.22713, 0.91218))
-        elif ray == 1:
-            total = _ray_crossings(meshes, mesh, x, y, z, (0.87131, 0.39217, 0.29498))
-        else:
-            total = _ray_crossings(meshes, mesh, x, y, z, (0.25119, 0.84733, 0.46787))
-        if total >= 0:
-            return total
-    return _UNKNOWN_WINDING
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _ray_crossings(
-    meshes: MeshArrays,
-    mesh: int,
-    x: float,
-    y: float,
-    z: float,
-    ray: Point,
-) -> int:
-    """`winding_number` along the ray from (x, y, z) in direction r, whose parts are positive."""
-    rx, ry, rz = ray
-    # The mesh's nodes: the root's row, its first leaf, and how many nodes are no leaves.
-    boxes, corners = meshes.boxes, meshes.corners
-    root, leaf = meshes.first_node[mesh], meshes.first_leaf[mesh]
-    inner = (meshes.first_node[mesh + 1] - root) // 2
     total = 0
     node = 0
     while True:
@@ -238,7 +212,7 @@ def _ray_crossings(
                 along += rz * (u * az + v * bz + w * cz)
                 # The ray meets an edge or a corner.
                 if u == 0.0 or v == 0.0 or w == 0.0:
-                    return _UNKNOWN_WINDING
+                    return -1
                 # Out of the solid counts up, into it counts down.
                 if u > 0.0 and along > 0.0:
                     total += 1

@@ -15,8 +15,8 @@ from numba import njit
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import MESH_MOTION_M, SET_MOTION_M
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
-from placement_planner_ros.core.collision.placed_meshes import mesh_keeps_set, placed_meshes_keep
-from placement_planner_ros.core.collision.placing import note_hit, place_set
+from placement_planner_ros.core.collision.placed_meshes import mesh_keeps_points, placed_meshes_keep
+from placement_planner_ros.core.collision.placing import place_set
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -124,86 +124,14 @@ def _parts_keep(
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _meshes_keep(arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float) -> bool:
     """Whether what sets a and b are parts of keep `need`: two meshes, or a mesh and a set."""
-    mesh, other = arm.sets[a, at.SET_MESH], arm.sets[b, at.SET_MESH]
+    sets = arm.sets
+    mesh, other = sets[a, at.SET_MESH], sets[b, at.SET_MESH]
     if mesh >= 0 and other >= 0:
         return placed_meshes_keep(arm, scratch, mesh, other, need)
-    return mesh_keeps_set(arm, scratch, max(mesh, other), b if mesh >= 0 else a, need)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _all_parts_keep(
-    arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, motion: float
-) -> bool:
-    """Whether the parts of a pair of bodies keep `need`, see `bodies_keep`."""
-    bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
-    body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
-    a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
-    far = need + BOUND_TOLERANCE_M
-    # Where the directions of their parts are remembered.
-    fixed = a >= arm.moving
-    slot = arm.pairs[pair, at.PAIR_SLOT]
-    first_b, last_b = bodies[b, at.BODY_FIRST_SET], bodies[b + 1, at.BODY_FIRST_SET]
-    apart = apart_other = -1
-    # Sets of the one against all of the other, then against its sets.
-    for s in range(bodies[a, at.BODY_FIRST_SET], bodies[a + 1, at.BODY_FIRST_SET]):
-        slot += last_b - first_b
-        # The set's ball against the ball around all of the other body.
-        x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
-        dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
-        reach = spheres[s, 3] + body_spheres[b, 3] + far
-        if dx * dx + dy * dy + dz * dz > reach * reach:
-            continue
-        for t in range(first_b, last_b):
-            # Ball against ball.
-            dx, dy, dz = x - spheres[t, 0], y - spheres[t, 1], z - spheres[t, 2]
-            reach = spheres[s, 3] + spheres[t, 3] + far
-            square = dx * dx + dy * dy + dz * dz
-            if square > reach * reach:
-                continue
-            # Centres lie inside, and are too near for what moves: a shorter interval will tell.
-            if motion > 0.0 and square < need * need:
-                return False
-            if fixed:
-                # The box around a fixed set is known for good, and tighter than its ball.
-                dx = max(bounds[s, 0] - spheres[t, 0], 0.0, spheres[t, 0] - bounds[s, 3])
-                dy = max(bounds[s, 1] - spheres[t, 1], 0.0, spheres[t, 1] - bounds[s, 4])
-                dz = max(bounds[s, 2] - spheres[t, 2], 0.0, spheres[t, 2] - bounds[s, 5])
-                reach = spheres[t, 3] + far
-                if dx * dx + dy * dy + dz * dz > reach * reach:
-                    continue
-            # Both convex sets.
-            if _parts_keep(arm, scratch, s, t, slot - last_b + t, need, motion):
-                continue
-            # The meshes as wholes, once for all of their sets; of a set without, only it.
-            mesh, other = sets[s, at.SET_MESH], sets[t, at.SET_MESH]
-            if mesh == apart and other == apart_other and mesh >= 0 and other >= 0:
-                continue
-            covers = (mesh >= 0 or other >= 0) and motion <= MESH_MOTION_M
-            if not covers or not _meshes_keep(arm, scratch, s, t, need):
-                note_hit(scratch, 1, s, t)
-                return False
-            apart, apart_other = mesh, other
-    return True
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def bodies_keep(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, motion: float) -> bool:
-    """Whether a pair of bodies certainly keeps `need`: the balls around both, then their parts.
-
-    Args:
-        motion: metres of `need` that are for motion: much of it is left to shorter intervals.
-    """
-    spheres, a, b = (
-        scratch.body_spheres,
-        arm.pairs[pair, at.PAIR_INNER],
-        arm.pairs[pair, at.PAIR_OUTER],
-    )
-    dx = spheres[a, 0] - spheres[b, 0]
-    dy = spheres[a, 1] - spheres[b, 1]
-    dz = spheres[a, 2] - spheres[b, 2]
-    reach = spheres[a, 3] + spheres[b, 3] + need + BOUND_TOLERANCE_M
-    apart = dx * dx + dy * dy + dz * dz > reach * reach
-    return apart or _all_parts_keep(arm, scratch, pair, need, motion)
+    # The set's hull, its radius added to what is to be kept.
+    s = b if mesh >= 0 else a
+    hull = (scratch.vertices, sets[s, at.SET_FIRST_VERTEX], sets[s + 1, at.SET_FIRST_VERTEX])
+    return mesh_keeps_points(arm, scratch, max(mesh, other), hull, need + arm.radius[s])
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -228,15 +156,99 @@ def tabled_apart(arm: ArmArrays, pair: int, q: Array, delta: Array) -> bool:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def pair_keeps(
+def _pair_keeps(
     arm: ArmArrays, scratch: ArmScratch, pair: int, margin: float, motion: float
-) -> bool:
-    """Whether a pair of bodies keeps the margin in the ranges of joints in the scratch's `edge`.
+) -> float:
+    """How much of a motion a pair of bodies certainly keeps beside the margin.
+
+    The balls around both, what its table knows of the ranges of joints in `edge`, then their parts.
 
     Args:
-        motion: metres that it moves at most within these.
+        motion: metres; much of it is left to shorter intervals.
+
+    Returns:
+        `motion`; 0 where only the margin is kept for sure, or -1 where not even that.
     """
-    tabled = tabled_apart(arm, pair, scratch.edge[0], scratch.edge[2])
-    return (tabled and margin <= arm.clear) or bodies_keep(
-        arm, scratch, pair, margin + motion, motion
-    )
+    bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
+    body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
+    a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
+    dx = body_spheres[a, 0] - body_spheres[b, 0]
+    dy = body_spheres[a, 1] - body_spheres[b, 1]
+    dz = body_spheres[a, 2] - body_spheres[b, 2]
+    reach = body_spheres[a, 3] + body_spheres[b, 3] + margin + motion + BOUND_TOLERANCE_M
+    if dx * dx + dy * dy + dz * dz > reach * reach:
+        return motion
+    if margin <= arm.clear and tabled_apart(arm, pair, scratch.edge[0], scratch.edge[2]):
+        return motion
+    # Where the directions of their parts are remembered.
+    fixed = a >= arm.moving
+    slot = arm.pairs[pair, at.PAIR_SLOT]
+    first_b, last_b = bodies[b, at.BODY_FIRST_SET], bodies[b + 1, at.BODY_FIRST_SET]
+    apart = apart_other = -1
+    # Sets of the one against all of the other, then against its sets.
+    for s in range(bodies[a, at.BODY_FIRST_SET], bodies[a + 1, at.BODY_FIRST_SET]):
+        slot += last_b - first_b
+        # The set's ball against the ball around all of the other body.
+        x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
+        dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
+        reach = spheres[s, 3] + body_spheres[b, 3] + margin + motion + BOUND_TOLERANCE_M
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            continue
+        t = first_b
+        while t < last_b:
+            need = margin + motion
+            far = need + BOUND_TOLERANCE_M
+            # Ball against ball.
+            dx, dy, dz = x - spheres[t, 0], y - spheres[t, 1], z - spheres[t, 2]
+            reach = spheres[s, 3] + spheres[t, 3] + far
+            square = dx * dx + dy * dy + dz * dz
+            if square > reach * reach:
+                t += 1
+                continue
+            # Centres lie inside, and are too near for what moves: only the margin is left to keep.
+            if motion > 0.0 and square < need * need:
+                motion = 0.0
+                continue
+            if fixed:
+                # The box around a fixed set is known for good, and tighter than its ball.
+                dx = max(bounds[s, 0] - spheres[t, 0], 0.0, spheres[t, 0] - bounds[s, 3])
+                dy = max(bounds[s, 1] - spheres[t, 1], 0.0, spheres[t, 1] - bounds[s, 4])
+                dz = max(bounds[s, 2] - spheres[t, 2], 0.0, spheres[t, 2] - bounds[s, 5])
+                reach = spheres[t, 3] + far
+                if dx * dx + dy * dy + dz * dz > reach * reach:
+                    t += 1
+                    continue
+            # Both convex sets; the meshes as wholes, once for all of their sets; of a set without,
+            # only it.
+            mesh, other = sets[s, at.SET_MESH], sets[t, at.SET_MESH]
+            known = mesh == apart and other == apart_other and mesh >= 0 and other >= 0
+            covers = (mesh >= 0 or other >= 0) and motion <= MESH_MOTION_M
+            if _parts_keep(arm, scratch, s, t, slot - last_b + t, need, motion) or known:
+                t += 1
+            elif covers and _meshes_keep(arm, scratch, s, t, need):
+                apart, apart_other = mesh, other
+                t += 1
+            elif motion > 0.0:
+                motion = 0.0
+            else:
+                scratch.hit[0], scratch.hit[1], scratch.hit[2] = 1, s, t
+                return -1.0
+    return motion
+
+
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def pairs_keep(arm: ArmArrays, scratch: ArmScratch, margin: float) -> bool:
+    """Whether the pairs of bodies that are asked for certainly keep the margin.
+
+    The scratch's `motion` says how far both of a pair move to each other, metres, of which much is
+    left to shorter intervals, and -1 where it is not asked for; what is not kept of that beside the
+    margin is set to 0. Joints are in the ranges of the scratch's `edge`.
+    """
+    for pair in range(arm.pairs.shape[0]):
+        motion = scratch.motion[arm.moving + pair]
+        if motion >= 0.0:
+            kept = _pair_keeps(arm, scratch, pair, margin, motion)
+            if kept < 0.0:
+                return False
+            scratch.motion[arm.moving + pair] = kept
+    return True

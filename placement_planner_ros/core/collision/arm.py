@@ -17,21 +17,20 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import arrays as at
+from placement_planner_ros.core.collision.against_boxes import KeptMargins
 from placement_planner_ros.core.collision.arrays import ArmArrays, FlatArm, lay_out_arm, scratch_for
-from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.configurations import (
-    KeptMargins,
-    check_states,
-    hand_keeps,
+from placement_planner_ros.core.collision.attached_object import (
+    AttachedObject,
+    PlacedObject,
+    object_solids,
 )
+from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.collision.configurations import check_states, hand_keeps
 from placement_planner_ros.core.collision.edges import EdgeLimits, JointEdge, check_edge
-from placement_planner_ros.core.collision.link_shapes import link_shapes
-from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.pair_tables import with_pair_tables
 from placement_planner_ros.core.collision.placing import place_body
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
-from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.collision.shapes import Shape, link_shapes
 from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input

@@ -104,6 +104,15 @@ class ArmScratch(NamedTuple):
     """(s,) configuration at which a set was last placed in the world."""
     sides: Array
     """(s, 3) unit direction that last kept a box away from each set, in its frame; 0 without."""
+    side: Array
+    """(4,) that of the set that is looked at, in the world, and from where along it boxes are far
+    enough away."""
+    leaves: Indices
+    """(k,) leaf spheres that the field leaves open; `leaf_ends` (b + 1,), how many of each body."""
+    leaf_ends: Indices
+    motion: Array
+    """(. + c,) how far each moving body moves, then those of each pair to each other, metres; -1
+    where that is not asked for, and then 0 where that is not kept."""
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
@@ -111,6 +120,8 @@ class ArmScratch(NamedTuple):
     sweep: Array
     """(1,) how far all bodies are swept straight up, metres: vertices are made so."""
     work: Array
+    box_corners: Array
+    """(8, 3) of a box, in the world."""
     mesh_points: Array
     """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
     another, and of that one in the first."""
@@ -250,10 +261,15 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         bounds=bounds,
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         sides=np.zeros((sets, 3)),
+        side=np.zeros(4),
+        leaves=np.zeros(len(a.nodes), dtype=np.int64),
+        leaf_ends=np.zeros(a.moving + 1, dtype=np.int64),
+        motion=np.zeros(a.moving + len(a.pairs)),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(2, dtype=np.int64),
         sweep=np.zeros(1),
         work=np.zeros((9, 4)),
+        box_corners=np.zeros((8, 3)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_frames=np.zeros((3, 4, 4)),
         direction=np.zeros((flat.directions, 6)),

@@ -1,12 +1,20 @@
-"""The object as an arm has it: attached to the hand, or placed where it stands."""
+"""The object as an arm has it, attached to the hand or placed, and what it is to collision checks:
+convex pieces as they are, all others as triangles."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import coal
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, mesh_shape
+from placement_planner_ros.core.robot.geometry import convex_geometry, triangle_geometry
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.overlap import Overlaps, link_meshes
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,3 +35,41 @@ class PlacedObject:
 
     body: Body
     T_world_object: pin.SE3
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectSolid:
+    """A piece of the object, in its frame.
+
+    Attributes:
+        shape: for the kernels.
+        geometry: for coal, to which a mesh is a surface.
+        mesh: None where it is convex.
+    """
+
+    shape: Shape
+    geometry: coal.CollisionGeometry
+    mesh: CoveredMesh | None = None
+
+
+@weak_lru_cache("body", maxsize=1)
+def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
+    """The convex pieces, each for itself, and all others together."""
+    solids = [
+        ObjectSolid(Shape((ConvexSet.of(part),)), convex_geometry(part)) for part in body.solids
+    ]
+    # What is a mesh, by its cover.
+    if body.mesh is not None:
+        mesh = body.mesh.vertices, body.mesh.triangles
+        shape, surface = mesh_shape(body.mesh.cover, *mesh), triangle_geometry(*mesh)
+        solids.append(ObjectSolid(shape, surface, body.mesh))
+    return tuple(solids)
+
+
+@weak_lru_cache("body", maxsize=4)
+def object_overlaps(robot: Robot, body: Body) -> Overlaps:
+    """How the robot's geometries overlap the object's solids, which follow them in number."""
+    links = [thing.geometry for thing in robot.geometry.geometryObjects]
+    solids = object_solids(body)
+    meshes = [*link_meshes(robot), *(solid.mesh for solid in solids)]
+    return Overlaps([*links, *(solid.geometry for solid in solids)], meshes)

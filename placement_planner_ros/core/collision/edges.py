@@ -18,11 +18,14 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
-from placement_planner_ros.core.collision.against_boxes import BoxArrays
-from placement_planner_ros.core.collision.against_robot import bodies_keep, pair_keeps
+from placement_planner_ros.core.collision.against_boxes import (
+    BoxArrays,
+    KeptMargins,
+    bodies_keep_boxes,
+)
+from placement_planner_ros.core.collision.against_robot import pairs_keep
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
-from placement_planner_ros.core.collision.configurations import KeptMargins, keep_boxes
-from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
+from placement_planner_ros.core.collision.placing import place_joints, place_spheres
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -94,8 +97,18 @@ def _place_interval(
         delta[j] = half * abs(way) + edge.deviation[j]
     # Place the arm there, and bound its motion.
     place_joints(arm, scratch, q)
-    place_all_spheres(arm, scratch)
+    place_spheres(arm, scratch, 0, arm.moving)
     bound_motion(arm, scratch, delta, scratch.bound)
+
+
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def _mover_of(arm: ArmArrays, item: int) -> tuple[int, int]:
+    """Which body moves, and the first joint that moves it, for a body's item or that of a pair."""
+    if item < arm.moving:
+        return item, 0
+    # Only the joints between both bodies move one against the other.
+    pair = item - arm.moving
+    return arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -121,10 +134,15 @@ def check_edge(
     """
     if not np.isfinite(edge.a.sum() + edge.b.sum() + edge.deviation.sum()):
         return False
-    pairs, bound, straight, kept = arm.pairs, scratch.bound, scratch.bound_straight, limits.kept
+    bound, straight, moved, kept = (
+        scratch.bound,
+        scratch.bound_straight,
+        scratch.motion,
+        limits.kept,
+    )
     queue, settled = work
     # The items to settle: bodies against the obstacle set, then pairs of bodies.
-    items = arm.moving + pairs.shape[0]
+    items = arm.moving + arm.pairs.shape[0]
     # The whole edge is the first interval: middle and half its length, as shares.
     head = 0
     waiting = 1
@@ -140,32 +158,26 @@ def check_edge(
             for j in range(edge.a.shape[0]):
                 scratch.edge[1, j] = abs(edge.b[j] - edge.a[j])
             bound_motion(arm, scratch, scratch.edge[1], straight)
+        # How far each moves within the interval.
+        for item in range(items):
+            outer, first = _mover_of(arm, item)
+            moved[item] = -1.0 if settled[head, item] else bound[outer, first]
+        # The margins at the middle.
+        if not bodies_keep_boxes(arm, boxes, scratch, arm.moving, kept):
+            return False
+        if not pairs_keep(arm, scratch, kept.self_margin):
+            return False
+        # What keeps its motion too is settled, and all is to be within the shortest interval.
         open_items = False
         for item in range(items):
-            if settled[head, item]:
-                continue
-            # With what moves added to the margin; else at the middle, unless that is the limit.
-            if item < arm.moving:
-                motion, asked = bound[item, 0], (item, item + 1)
-                free = keep_boxes(arm, boxes, scratch, asked, kept, motion)
-                if not free and (
-                    half * straight[item, 0] <= limits.resolution
-                    or not keep_boxes(arm, boxes, scratch, asked, kept, 0.0)
-                ):
+            outer, first = _mover_of(arm, item)
+            if not settled[head, item] and moved[item] < bound[outer, first]:
+                open_items = True
+                resolution = limits.resolution if item < arm.moving else limits.self_resolution
+                if half * straight[outer, first] <= resolution:
                     return False
             else:
-                # The motion of the joints between both bodies.
-                pair = item - arm.moving
-                outer, first = pairs[pair, at.PAIR_OUTER], pairs[pair, at.PAIR_OUTWARD]
-                motion, margin = bound[outer, first], kept.self_margin
-                free = pair_keeps(arm, scratch, pair, margin, motion)
-                if not free and (
-                    half * straight[outer, first] <= limits.self_resolution
-                    or not bodies_keep(arm, scratch, pair, margin, 0.0)
-                ):
-                    return False
-            settled[head, item] = free
-            open_items = open_items or not free
+                settled[head, item] = True
         # Halve the interval where anything is open.
         if open_items:
             if waiting + 2 > queue.shape[0]:

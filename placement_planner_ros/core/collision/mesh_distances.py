@@ -13,11 +13,6 @@ from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, me
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
-MAX_WAITING = 64
-"""Nodes that wait at most: a tree of 2^30 leaves has as many levels as half of that."""
-
-Vector = tuple[float, float, float]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidSurface:
@@ -61,7 +56,7 @@ def _signed_distances(
 ) -> None:
     """Fill `found` (n,) and `nearest` (n, 3), see `SolidSurface.distances`."""
     inner = len(mesh.boxes) // 2
-    waiting = np.empty(MAX_WAITING, np.int64)
+    waiting = np.empty(2 + int(np.log2(len(mesh.boxes))), np.int64)  # one of each level, and one
     spot = np.empty(3)
     for i in range(len(points)):
         point = points[i]
@@ -105,50 +100,40 @@ def _squared_from_box(box: Array, point: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _vector_from(point: Array, corner: Array) -> Vector:
-    """The way from a point (3,) to a corner (3,)."""
-    return corner[0] - point[0], corner[1] - point[1], corner[2] - point[2]
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _dot_product(u: Vector, v: Vector) -> float:
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _cross_product(u: Vector, v: Vector) -> Vector:
-    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _squared_from_triangle(corners: Array, point: Array, spot: Array) -> float:
     """Squared distance of a point (3,) from a triangle (3, 3), written with its nearest point."""
-    normal = _cross_product(
-        _vector_from(corners[0], corners[1]), _vector_from(corners[0], corners[2])
-    )
-    area = _dot_product(normal, normal)
-    inside = area > 0.0
+    # The point in the triangle's plane: a + (s u + t v) / area, with u and v the sides from a.
+    uu = uv = vv = wu = wv = 0.0
+    for m in range(3):
+        u, v = corners[1, m] - corners[0, m], corners[2, m] - corners[0, m]
+        w = point[m] - corners[0, m]
+        uu, uv, vv, wu, wv = uu + u * u, uv + u * v, vv + v * v, wu + w * u, wv + w * v
+    area, s, t = uu * vv - uv * uv, wu * vv - wv * uv, wv * uu - wu * uv
+    if s > 0.0 and t > 0.0 and s + t < area and area > 1e-12 * uu * vv:
+        # Straight above the triangle, which is no needle: nothing of it is nearer.
+        best = 0.0
+        for m in range(3):
+            u, v = corners[1, m] - corners[0, m], corners[2, m] - corners[0, m]
+            spot[m] = corners[0, m] + (s * u + t * v) / area
+            best += (point[m] - spot[m]) ** 2
+        return best
     best = np.inf
     for k in range(3):
-        # The nearest point of each edge, and whether the triangle is on the point's side of it.
-        edge, away = _vector_from(corners[k], corners[(k + 1) % 3]), _vector_from(corners[k], point)
-        inside = inside and _dot_product(_cross_product(edge, away), normal) >= 0.0
-        length = _dot_product(edge, edge)
-        share = min(max(_dot_product(edge, away) / length, 0.0), 1.0) if length > 0.0 else 0.0
-        apart = 0.0
+        # The nearest point of each edge.
+        length = along = apart = 0.0
         for m in range(3):
-            apart += (away[m] - share * edge[m]) ** 2
+            edge = corners[(k + 1) % 3, m] - corners[k, m]
+            length += edge * edge
+            along += (point[m] - corners[k, m]) * edge
+        share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+        for m in range(3):
+            edge = corners[(k + 1) % 3, m] - corners[k, m]
+            apart += (point[m] - corners[k, m] - share * edge) ** 2
         if apart < best:
             best = apart
             for m in range(3):
-                spot[m] = corners[k, m] + share * edge[m]
-    if inside:
-        # Straight above the triangle: its plane is nearer than its edges.
-        height = _dot_product(_vector_from(corners[0], point), normal) / area
-        for m in range(3):
-            spot[m] = point[m] - height * normal[m]
-        best = height * height * area
+                spot[m] = corners[k, m] + share * (corners[(k + 1) % 3, m] - corners[k, m])
     return best
 
 

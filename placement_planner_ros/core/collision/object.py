@@ -18,10 +18,8 @@ from placement_planner_ros.core.collision.swept_object import (
 )
 from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import LEVEL, Array, Slope
+from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Slope
 
-_HEIGHT_ROUNDING_M = 1e-9
-"""m by which heights are off by arithmetic."""
 _WAY_STEP_M = 0.002
 """m at most between places that are looked at on a way that is not straight down."""
 
@@ -54,9 +52,7 @@ class ObjectCollision:
         overhangs: bool = False,
     ) -> None:
         self.settings = settings or CollisionSettings()
-        self._beneath = (
-            self.settings.collision_margin - _HEIGHT_ROUNDING_M if overhangs else math.inf
-        )
+        self._beneath = self.settings.collision_margin - ROUNDING if overhangs else math.inf
         self._obstacles = obstacles
         self._boxes: dict[Slope, BoxArrays] = {}
         self._object, self._scratch = swept_object(body, len(obstacles))

@@ -17,10 +17,10 @@ from numba import njit
 from scipy.ndimage import distance_transform_cdt
 
 from placement_planner_ros.core.collision import arrays as at
-from placement_planner_ros.core.collision.against_robot import bodies_keep
+from placement_planner_ros.core.collision.against_robot import pairs_keep
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, FlatArm, scratch_for
 from placement_planner_ros.core.collision.edges import bound_motion
-from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
+from placement_planner_ros.core.collision.placing import place_joints, place_spheres
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.stopping import step
@@ -96,6 +96,9 @@ def _fill_table(
     outer, joint = arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
     dof = arm.fixed.shape[0] - 1
     q, delta = np.zeros(dof), np.zeros(dof)
+    # Only this pair is asked for.
+    scratch.motion[:] = -1.0
+    scratch.motion[arm.moving + pair] = 0.0
     # Blocks that wait: first row, first column, cells along each side.
     stack = np.zeros((64, 3), dtype=np.int64)
     stack[0, 2] = 2 ** int(np.ceil(np.log2(max(rows, columns))))
@@ -110,9 +113,9 @@ def _fill_table(
             q[joint + i] = lower[i] + first * at.CELL_RAD + delta[joint + i]
         # What the pair keeps there, against all that may happen within the block.
         place_joints(arm, scratch, q)
-        place_all_spheres(arm, scratch)
+        place_spheres(arm, scratch, 0, arm.moving)
         bound_motion(arm, scratch, delta, scratch.bound)
-        if bodies_keep(arm, scratch, pair, clear + scratch.bound[outer, joint], 0.0):
+        if pairs_keep(arm, scratch, clear + scratch.bound[outer, joint]):
             apart[k : k + size, m : m + size] = True
         elif size > 1:
             # The block's quarters, those that begin within the table.

@@ -11,6 +11,7 @@ from placement_planner_ros.core.collision.against_mesh import (
     meshes_keep,
 )
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
+from placement_planner_ros.core.collision.separation import PointRange
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -28,14 +29,21 @@ def _place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int, T: Array) -> Non
         T[i, 3] += A[joint, i, 3]
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _to_mesh(scratch: ArmScratch, row: int, x: float, y: float, z: float) -> None:
-    """Put a point of the world into row of `mesh_points`, in the frame of the placed mesh."""
-    # From the frame's origin, turned back.
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def mesh_keeps_points(
+    arm: ArmArrays, scratch: ArmScratch, mesh: int, hull: PointRange, need: float
+) -> bool:
+    """Whether a mesh and the hull of points in the world are certainly `need` apart."""
+    world, first, last = hull
     T, points = scratch.mesh_frames[0], scratch.mesh_points
-    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
-    for i in range(3):
-        points[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    _place_mesh(arm, scratch, mesh, T)
+    # The points in the mesh's frame: from its origin, turned back.
+    for v in range(first, last):
+        dx, dy, dz = world[v, 0] - T[0, 3], world[v, 1] - T[1, 3], world[v, 2] - T[2, 3]
+        for i in range(3):
+            points[v - first, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    tree = arm.meshes[mesh, at.MESH_TREE]
+    return mesh_keeps_hull(arm.trees, tree, points, last - first, need, scratch.work)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -46,27 +54,12 @@ def mesh_keeps_box(
 
     What is swept up meets a box where it meets, as it is, what the box sweeps downward.
     """
-    # The box's corners in the mesh's frame.
-    _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
+    corners = scratch.box_corners
     for row in range(8):
         x, y, z = box_corner(boxes, box, row)
-        _to_mesh(scratch, row, x, y, z - scratch.sweep[0] if row & 4 == 0 else z)
-    tree = arm.meshes[mesh, at.MESH_TREE]
-    return mesh_keeps_hull(arm.trees, tree, scratch.mesh_points, 8, need, scratch.work)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def mesh_keeps_set(arm: ArmArrays, scratch: ArmScratch, mesh: int, s: int, need: float) -> bool:
-    """Whether a mesh and convex set s, placed, are certainly `need` apart."""
-    # The set's vertices in the mesh's frame.
-    _place_mesh(arm, scratch, mesh, scratch.mesh_frames[0])
-    first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
-    world = scratch.vertices
-    for v in range(first, last):
-        _to_mesh(scratch, v - first, world[v, 0], world[v, 1], world[v, 2])
-    # The mesh against their hull, the radius added.
-    tree, points, far = arm.meshes[mesh, at.MESH_TREE], scratch.mesh_points, need + arm.radius[s]
-    return mesh_keeps_hull(arm.trees, tree, points, last - first, far, scratch.work)
+        corners[row, 0], corners[row, 1] = x, y
+        corners[row, 2] = z - scratch.sweep[0] if row & 4 == 0 else z
+    return mesh_keeps_points(arm, scratch, mesh, (corners, 0, 8), need)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

@@ -13,12 +13,6 @@ from placement_planner_ros.core.uncounted import Uncounted
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def note_hit(scratch: ArmScratch, kind: int, a: int, b: int) -> None:
-    """Say in `ArmScratch.hit` what meets what."""
-    scratch.hit[0], scratch.hit[1], scratch.hit[2] = kind, a, b
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_frame(scratch: ArmScratch, joint: int, T: Array) -> None:
     """Put one frame at T (4, 4); whatever was placed in the world before is outdated."""
     scratch.counters[0] += 1
@@ -35,30 +29,24 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
-    """Bounding spheres of a moving body and of its sets, its joint's frame being placed."""
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def place_spheres(arm: ArmArrays, scratch: ArmScratch, first: int, end: int) -> None:
+    """Bounding spheres of bodies from the first to before the end, and of their sets."""
     frames, bodies = scratch.frames, arm.bodies
     local, world = arm.body_spheres, scratch.body_spheres
     nodes, set_world = arm.node_spheres, scratch.set_spheres
-    joint = bodies[body, at.BODY_JOINT]
-    # The ball around the body.
-    world[body, 0], world[body, 1], world[body, 2] = to_world(
-        frames, joint, local[body, 0], local[body, 1], local[body, 2]
-    )
-    # The balls around its sets, the first of their trees.
-    for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
-        node = arm.sets[s, at.SET_FIRST_NODE]
-        set_world[s, 0], set_world[s, 1], set_world[s, 2] = to_world(
-            frames, joint, nodes[node, 0], nodes[node, 1], nodes[node, 2]
+    for body in range(first, end):
+        joint = bodies[body, at.BODY_JOINT]
+        # The ball around the body.
+        world[body, 0], world[body, 1], world[body, 2] = to_world(
+            frames, joint, local[body, 0], local[body, 1], local[body, 2]
         )
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def place_all_spheres(arm: ArmArrays, scratch: ArmScratch) -> None:
-    """Bounding spheres of all moving bodies and their sets."""
-    for body in range(arm.moving):
-        place_spheres(arm, scratch, body)
+        # The balls around its sets, the first of their trees.
+        for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
+            node = arm.sets[s, at.SET_FIRST_NODE]
+            set_world[s, 0], set_world[s, 1], set_world[s, 2] = to_world(
+                frames, joint, nodes[node, 0], nodes[node, 1], nodes[node, 2]
+            )
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -90,6 +78,6 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
 def place_body(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     """Spheres and sets of one body in the world, its joint's frame being placed."""
     # Its sets, whether any pair asks for them or not.
-    place_spheres(arm, scratch, body)
+    place_spheres(arm, scratch, body, body + 1)
     for s in range(arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]):
         place_set(arm, scratch, s)

@@ -1,4 +1,4 @@
-"""Collision geometry as convex sets: what every distance kernel works on.
+"""Collision geometry of links and objects as convex sets: what every distance kernel works on.
 
 A convex set is the hull of its vertices, dilated by a radius (a sphere is one dilated point, a
 capsule two). A mesh (the robot model has already made convex ones into polytopes) is covered by a
@@ -13,11 +13,18 @@ from functools import lru_cache
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import trimesh
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import QhullError
 
+from placement_planner_ros.core.body.convex_cover import Cover
+from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.collision.meshes import MeshTree
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.geometry import LinkCover
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
 
 _ROUND_SIDES = 32
@@ -44,6 +51,11 @@ class ConvexSet:
         object.__setattr__(self, "normals", frozen_array(self.normals, (-1, 3)))
         object.__setattr__(self, "offsets", frozen_array(self.offsets, (-1,)))
 
+    @classmethod
+    def of(cls, part: ConvexPart, radius: float = 0.0) -> ConvexSet:
+        """A polytope, dilated by a radius, metres."""
+        return cls(part.vertices, part.normals, part.offsets, radius)
+
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Shape:
@@ -58,27 +70,72 @@ class Shape:
     mesh: MeshTree | None = None
 
 
-def convex_polytope(vertices: Array, radius: float = 0.0) -> ConvexSet:
-    """The hull of (m, 3) vertices with its merged face planes, remembered.
+@lru_cache(maxsize=4096)
+def _convex_hull(data: bytes, radius: float) -> ConvexSet:
+    """The hull of vertices, dilated by a radius, metres: the same for copies of a robot."""
+    return ConvexSet.of(polytope_of(np.frombuffer(data).reshape(-1, 3)), radius)
+
+
+def mesh_shape(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
+    """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it, from disk, or made and
+    kept there: trees over many triangles take seconds to make."""
+
+    def make() -> Shape:
+        return Shape(tuple(map(ConvexSet.of, cover.parts)), MeshTree.of(vertices, triangles))
+
+    parts = tuple(part.vertices for part in cover.parts)
+    key = digest_of(code_digest(__name__), vertices, triangles, parts)
+    return stored_result("mesh shapes", key, make)
+
+
+@lru_cache(maxsize=8)
+def link_shapes(robot: Robot) -> tuple[Shape, ...]:
+    """The shape of each of the robot's geometries.
 
     Raises:
-        QhullError: the vertices span no volume.
+        RobotError: a geometry is of an unknown kind.
     """
-    return _made_polytope(np.array(vertices, dtype=np.float64).tobytes(), radius)
+    links, things = robot.geometry_links, robot.geometry.geometryObjects
+    return tuple(
+        shape_of(thing.geometry, f"link {link}") if shape is None else shape
+        for link, thing, shape in zip(links, things, _cover_shapes(robot.covers), strict=True)
+    )
 
 
-@lru_cache(maxsize=4096)
-def _made_polytope(data: bytes, radius: float) -> ConvexSet:
-    vertices = np.frombuffer(data).reshape(-1, 3)
-    hull = ConvexHull(vertices)
-    planes = merge_planes(hull.equations)
-    return ConvexSet(vertices[np.sort(hull.vertices)], planes[:, :3], -planes[:, 3], radius)
+def shape_triangles(robot: Robot) -> list[Array]:
+    """(t, 3, 3) triangles of each of the robot's geometries, in its own frame, metres.
+
+    Raises:
+        RobotError: a geometry is of an unknown kind.
+    """
+    links, things = robot.geometry_links, robot.geometry.geometryObjects
+    return [
+        _solid_triangles(thing.geometry, link)
+        if cover is None
+        else cover.mesh.vertices[cover.mesh.triangles]
+        for thing, link, cover in zip(things, links, robot.covers, strict=True)
+    ]
 
 
-def merge_planes(equations: Array) -> Array:
-    """Drop repeated rows (n, d) of qhull's (f, 4) facet equations; the outermost is kept."""
-    _, first = np.unique(np.round(equations, 6), axis=0, return_index=True)
-    return np.asarray(equations[np.sort(first)])
+def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
+    """(t, 3, 3) triangles of a shape that is no mesh, metres."""
+    if isinstance(geometry, coal.Sphere):
+        return np.asarray(trimesh.creation.icosphere(radius=geometry.radius).triangles)
+    if isinstance(geometry, coal.Capsule):
+        pill = trimesh.creation.capsule(2.0 * geometry.halfLength, geometry.radius)
+        return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
+    return polytope_of(shape_of(geometry, link).sets[0].vertices).corners
+
+
+@lru_cache(maxsize=8)
+def _cover_shapes(covers: tuple[LinkCover | None, ...]) -> tuple[Shape | None, ...]:
+    """The shape of each mesh: one for geometries that share it, and for copies of a robot."""
+    made: dict[LinkCover | None, Shape | None] = {None: None}
+    for cover in covers:
+        if cover is not None and cover not in made:
+            step(f"reading the shape of link {cover.mesh.link}")
+            made[cover] = mesh_shape(cover, cover.mesh.vertices, cover.mesh.triangles)
+    return tuple(made[cover] for cover in covers)
 
 
 def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
@@ -129,7 +186,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
     try:
-        return Shape((convex_polytope(vertices, radius),))
+        return Shape((_convex_hull(vertices.tobytes(), radius),))
     except (QhullError, ValueError) as error:
         raise RobotError(
             f"collision geometry of {name}",

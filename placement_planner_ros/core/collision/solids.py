@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshTree
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
 from placement_planner_ros.core.collision.spheres import bounding_sphere, sphere_trees
 from placement_planner_ros.core.stopping import step
@@ -132,7 +133,7 @@ class SolidRows:
     def ball(self) -> Array:
         """(4,) centre and radius of a ball around all sets."""
         center, radius = bounding_sphere(self.vertices)
-        return np.append(center, radius + self.radius.max() + 1e-9)
+        return np.append(center, radius + self.radius.max() + BOUND_TOLERANCE_M)
 
 
 @weak_lru_cache("body", maxsize=2)

@@ -17,15 +17,13 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface
 from placement_planner_ros.core.collision.meshes import mesh_arrays
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-_PADDING_M = 1e-9
 _MAX_TREE_DEPTH = 10
-_QUICK_VERTICES = 32
-"""Vertices of a shape up to which its spheres are made as quickly as they are read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +48,7 @@ class SphereTree:
 
 @weak_lru_cache("shape", maxsize=8)
 def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
-    """Cover each set of a shape; what takes long is kept on disk.
+    """Cover each set of a shape, and keep that on disk.
 
     Args:
         shape: what to cover.
@@ -60,9 +58,6 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     def make() -> tuple[SphereTree, ...]:
         return tuple(_one_sphere_tree(shape, convex, excess) for convex in shape.sets)
 
-    # Few vertices: made at once, others from disk.
-    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _QUICK_VERTICES:
-        return make()
     sets = tuple((s.vertices, s.radius) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
     return recalled_result("sphere trees", key, make)
@@ -76,7 +71,7 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
         return tree
     # Balls of a cover's spheres that lie inside the mesh itself, as far as that is closed.
     away, _ = SolidSurface(mesh_arrays([shape.mesh])).distances(tree.centers, np.inf)
-    inner = np.where(away < 0.0, -away - _PADDING_M, -np.inf)
+    inner = np.where(away < 0.0, -away - BOUND_TOLERANCE_M, -np.inf)
     return replace(tree, inner=frozen_array(inner))
 
 
@@ -118,7 +113,7 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
             heights -= 0.5 * (heights.min() + heights.max())
             for side in (heights, -heights):
                 split(_lower_part(piece, side), depth + 1)
-        spheres = ball + radius + _PADDING_M, inside + radius - _PADDING_M
+        spheres = ball + radius + BOUND_TOLERANCE_M, inside + radius - BOUND_TOLERANCE_M
         rows[row] = (*center.tolist(), *spheres, len(rows), leaf)
 
     split(edges, 0)

@@ -18,6 +18,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
+    begin_set,
     distance_bounds,
     leaf_keeps_boxes,
 )
@@ -27,7 +28,7 @@ from placement_planner_ros.core.collision.arrays import (
     lone_body,
     scratch_for,
 )
-from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.collision.placing import place_frame
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.solids import SolidRows
@@ -136,7 +137,7 @@ def check_poses(
             if _ball_clear(boxes, frames, thing.balls[s], raised, margin):
                 continue
             _sweep_set(thing, s, up, raised)
-            scratch.counters[1] += 1
+            begin_set(arm, scratch, s, margin)
             node = arm.sets[s, at.SET_FIRST_NODE]
             if not leaf_keeps_boxes(arm, boxes, scratch, node, margin, True):
                 answers[row] = False

@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.collision.attached_object import AttachedObject, object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import (
     joint_frames,

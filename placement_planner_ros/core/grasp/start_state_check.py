@@ -20,7 +20,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import HELD_OBJECT, CollisionSettings, arm_joint
-from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.collision.attached_object import object_overlaps
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
 from placement_planner_ros.core.grasp.hand_opening import grasp_error
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.link_shapes import shape_triangles
+from placement_planner_ros.core.collision.shapes import shape_triangles
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh import require_few
-from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header

@@ -12,11 +12,10 @@ from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import polytope_of
-from placement_planner_ros.core.collision.link_shapes import link_shapes
+from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
 from placement_planner_ros.core.collision.meshes import mesh_arrays
-from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, link_shapes
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints

@@ -18,7 +18,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.collision.attached_object import object_overlaps
 from placement_planner_ros.core.errors import ParameterError, listed
 from placement_planner_ros.core.robot.allowed_pairs import hidden_pairs, srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot

@@ -11,7 +11,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.edges import bound_motion
-from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
+from placement_planner_ros.core.collision.placing import place_joints, place_spheres
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -388,7 +388,7 @@ def test_no_motion_is_larger_than_its_bound(yumi, mixed, size):
             q = rng.uniform(arm.lower, arm.upper)
             delta = size * rng.random(arm.dof)
             place_joints(arrays, scratch, q)
-            place_all_spheres(arrays, scratch)
+            place_spheres(arrays, scratch, 0, arrays.moving)
             bound = np.zeros((arrays.moving, arm.dof + 1))
             bound_motion(arrays, scratch, delta, bound)
             for body, name in enumerate(names):

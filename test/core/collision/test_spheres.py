@@ -6,8 +6,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.convex_cover import convex_cover
-from placement_planner_ros.core.collision.mesh_shapes import kept_shape
-from placement_planner_ros.core.collision.shapes import Shape, shape_of
+from placement_planner_ros.core.collision.shapes import Shape, mesh_shape, shape_of
 from placement_planner_ros.core.collision.spheres import (
     SphereTree,
     sphere_trees,
@@ -57,7 +56,7 @@ def shape(name):
     if geometry is not None:
         return shape_of(geometry, name)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    return kept_shape(convex_cover(vertices, faces, EXCESS), vertices, faces)
+    return mesh_shape(convex_cover(vertices, faces, EXCESS), vertices, faces)
 
 
 for _key in ("capsule", "cone"):

@@ -7,7 +7,7 @@ import pytest
 from helpers.fakes import TABLE
 from helpers.snapshots import seen, yumi_snapshot
 
-from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.ros.inputs.furniture import fixed_links
