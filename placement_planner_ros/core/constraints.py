@@ -110,10 +110,6 @@ class PoseConstraints:
         slope = np.array([contact.slope])
         return Verdict(self._judged(T, feature, reference[None], slope, np.zeros(1))[0])
 
-    def kept(self, T_world_object: pin.SE3) -> bool:
-        """Whether the pose keeps the rules of users."""
-        return self._broken_by(T_world_object.homogeneous[None])[0] == 0.0
-
     def _in_a_box(self, T: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether any piece of the body at poses (n, 4, 4) begins in a box to keep out of.
 

@@ -7,7 +7,6 @@ of Ŝ(r, f) it keeps place and face, and the turn becomes the one it can give th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -18,14 +17,8 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import Turntable
 from placement_planner_ros.core.types import Array
 
-_SEED_TURNS = 8
-"""Turns of the object about which seeds are looked for."""
 FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
-_OFFERED_TURNS = 4
-"""Turns of the object at most that are offered at one place."""
-_SAME_TURN_RAD = 1e-2
-"""rad, turns that differ by less are one."""
 
 
 class FreeYawIK:
@@ -52,18 +45,15 @@ class FreeYawIK:
         seeds: int,
         rng: np.random.Generator,
         q_start: Array,
-        kept: Callable[[pin.SE3], bool] = lambda x: True,
     ) -> list[tuple[pin.SE3, Array]]:
         """Poses at that place, on that face, with the configurations (k, dof) that reach each.
 
-        The pose itself where the arm can bring the object to it; else up to `_OFFERED_TURNS` that
-        differ from it by a turn about the normal, of those that break a rule one only, and that
-        where there are no others. Empty where the arm reaches none.
+        The pose itself where the arm can bring the object to it; else those that differ from it by
+        a turn about the normal. Empty where the arm reaches none.
 
         Args:
             T_face_object: fT_o of the face it stands on.
             seeds: starts of the inverse kinematics beside q_start (dof,).
-            kept: whether a pose keeps the rules of users.
         """
         # The face's place, if the arm gets there at all.
         turntable = self._turntable(T_face_object)
@@ -72,7 +62,6 @@ class FreeYawIK:
         if not turntable.reachable(place):
             return []
         starts = np.append(q_start, 0.0)[None]
-        broken: list[tuple[pin.SE3, Array]] = []
         # A few seeds first, then the rest.
         for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
@@ -86,21 +75,17 @@ class FreeYawIK:
                 return [(T_world_object, as_asked)]
             # Else other turns, one at a time, those that are nearly the same left out.
             found: list[tuple[pin.SE3, Array]] = []
-            while len(Q) and len(found) < _OFFERED_TURNS:
+            while len(Q):
                 x = _turned_face(T_world_face, float(turns[0])) * T_face_object
-                keeps = kept(x)
-                if keeps or not broken:
-                    reaching = self._ik.solve(self._tip(x), Q)
-                    if len(reaching):
-                        (found if keeps else broken).append((x, reaching))
-                other = (
-                    np.abs(np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi)
-                    > _SAME_TURN_RAD
-                )
+                reaching = self._ik.solve(self._tip(x), Q)
+                if len(reaching):
+                    found.append((x, reaching))
+                apart = np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi
+                other = np.abs(apart) > self._ik.settings.min_difference
                 Q, turns = Q[other], turns[other]
             if found:
                 return found
-        return broken
+        return []
 
     def follow(
         self, T_world_object: pin.SE3, T_face_object: pin.SE3, q: Array
@@ -133,15 +118,10 @@ class FreeYawIK:
     def _near(
         self, T_world_face: pin.SE3, T_face_object: pin.SE3, count: int, rng: np.random.Generator
     ) -> Array:
-        """(n, dof + 1) seeds near that place in some turns, each with its turn; n >= count."""
-        # The tip in turns that are drawn at random.
-        turns = rng.uniform(-math.pi, math.pi, _SEED_TURNS)
+        """(count, dof + 1) seeds near that place, each in a turn of its own, which is the last."""
+        turns = rng.uniform(-math.pi, math.pi, count)
         tips = [self._tip(_turned_face(T_world_face, turn) * T_face_object) for turn in turns]
-        each = -(-count // _SEED_TURNS)
-        near = self._seeds.near(np.array(tips), each, rng)
-        with_turn = np.concatenate([near, np.tile(turns[:, None, None], (1, each, 1))], axis=2)
-        # the nearest of all turns first
-        return with_turn.transpose(1, 0, 2).reshape(-1, self._chain.dof + 1)
+        return np.column_stack([self._seeds.near(np.array(tips), 1, rng)[:, 0], turns])
 
     def _tip(self, T_world_object: pin.SE3) -> Array:
         """(4, 4) T_world_tip that brings the object to that pose."""

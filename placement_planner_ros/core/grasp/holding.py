@@ -29,12 +29,8 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Contact, Verdict
 
-HAND_SLACK_M = 1e-4
-"""m, more than what inverse kinematics leaves open moves any point of a hand."""
 _PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
-_STEP_HALVINGS = 4
-"""How often a step of the approach is halved at most, to keep the object on its line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +61,7 @@ class Holding:
         q_start: (dof,) the arm's part of q_0.
         collision: C_free of this arm with the object in this grasp.
         open_hand: the same arm once it has let go.
+        tip_slack: m, more than what inverse kinematics leaves open moves any point of a hand.
         require_retreat: whether a placement without release and retreat counts for nothing.
         any_turn: where the arm's joints move its tip in fewer than six directions, so that it says
             how the object is turned: which turns it can give it; else None.
@@ -90,6 +87,8 @@ class Holding:
         self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
         self.open_hand = open_hand
         self._ik = InverseKinematics(self.chain, settings.ik)
+        # What it leaves open moves no point within a metre of the tip by more.
+        self.tip_slack = settings.ik.position_tolerance + settings.ik.rotation_tolerance
         grasp = self.arm.grasps[held.grasp]
         self._T_object_tip = grasp.inverse()
         self.any_turn = (
@@ -137,7 +136,7 @@ class Holding:
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
-        if self.collision.hand_collides(T_world_tip, HAND_SLACK_M, self._reserve, contact=True):
+        if self.collision.hand_collides(T_world_tip, self.tip_slack, self._reserve, contact=True):
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]
@@ -285,12 +284,11 @@ class Holding:
         T_world_object: pin.SE3,
         lines: StraightLines,
         ends: tuple[float, float],
-        halvings: int = _STEP_HALVINGS,
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` from one length of the way to another, their edges free.
 
-        Steps on which the object would leave its line, or lean, are halved; None where that does
-        not help.
+        Steps on which the object would leave its line, or lean, are halved; None where steps as
+        short as `approach_stray` do not help.
 
         Args:
             ends: metres from contact; `q` is at the first.
@@ -308,13 +306,13 @@ class Holding:
         if strays <= _PLANNED_STRAY_SHARE * self._stray and self._keeps_tilt(q, q_next):
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
-        if halvings == 0:
+        if height - below <= self._stray:
             return None
         # Both halves, one after the other.
         middle = 0.5 * (below + height)
-        lower = self._straight_way(q, T_world_object, lines, (below, middle), halvings - 1)
+        lower = self._straight_way(q, T_world_object, lines, (below, middle))
         if lower is None:
             return None
         rest = middle, height
-        upper = self._straight_way(lower[-1], T_world_object, lines, rest, halvings - 1)
+        upper = self._straight_way(lower[-1], T_world_object, lines, rest)
         return None if upper is None else lower + upper

@@ -21,7 +21,7 @@ from placement_planner_ros.core.collision.arm import (
     CollisionSettings,
 )
 from placement_planner_ros.core.collision.attached_object import PlacedObject
-from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
+from placement_planner_ros.core.grasp.hand_opening import with_opening_hand
 from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, GraspSettings
 from placement_planner_ros.core.grasp.straight_down import UP
 from placement_planner_ros.core.reach.ik import InverseKinematics

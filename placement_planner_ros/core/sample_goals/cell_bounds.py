@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.contact_class import ContactClass
-from placement_planner_ros.core.grasp.holding import HAND_SLACK_M, Holding
+from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
@@ -28,14 +28,15 @@ class _Reach:
 
     def __init__(self, contacts: ContactClass, holdings: Iterable[Holding]) -> None:
         # Each arm's bound, with its wrist in the frame of the object.
-        bounds, in_object = [], []
+        bounds, lengths, in_object = [], [], []
         for holding in holdings:
             bound = ReachBound.of(holding.chain)
             bounds.append(bound)
+            lengths.append(bound.length + holding.tip_slack)
             in_object.append(holding.arm.grasps[holding.grasp].actInv(bound.wrist))
         wrists = np.array(in_object).reshape(-1, 3)
         self._shoulders = np.array([bound.shoulder for bound in bounds]).reshape(-1, 3)
-        self._lengths = np.array([bound.length for bound in bounds])
+        self._lengths = np.array(lengths)
         # The wrists in the frame of each face; of what is turned otherwise, how far they are from
         # its reference point.
         frames, shape = contacts.frames, (len(contacts.frames), len(wrists))
@@ -57,7 +58,7 @@ class _Reach:
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
         height = np.maximum(away[..., 2] - placed.rises(wrists), 0.0)
         beyond = np.hypot(distance, height) - self._lengths - self._around[placed.face]
-        return np.asarray((beyond > HAND_SLACK_M).all(axis=1))
+        return np.asarray((beyond > 0.0).all(axis=1))
 
 
 class BranchBounds:

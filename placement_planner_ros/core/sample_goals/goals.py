@@ -164,12 +164,7 @@ class GoalFinder:
             yield wanted, Verdict.NO_IK
             return
         places = holding.any_turn.placed(
-            wanted.x,
-            T_face_object,
-            self._ik_seeds,
-            self._rng,
-            holding.q_start,
-            self._poses.kept,
+            wanted.x, T_face_object, self._ik_seeds, self._rng, holding.q_start
         )
         if not places:
             yield wanted, Verdict.NO_IK

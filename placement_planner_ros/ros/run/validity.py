@@ -10,7 +10,7 @@ import numpy as np
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.errors import JointStateError, listed
-from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
+from placement_planner_ros.core.grasp.hand_opening import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among

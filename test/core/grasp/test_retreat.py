@@ -20,8 +20,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.grasp import open_hand
-from placement_planner_ros.core.grasp.hand_opening import opening_error
-from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
+from placement_planner_ros.core.grasp.hand_opening import opening_error, with_opening_hand
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
