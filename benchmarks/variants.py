@@ -48,11 +48,6 @@ VARIANTS: Mapping[str, Variant] = {
     "baseline": Variant(
         BaselinePlanner, STOCK_SETTINGS, "uniform samples, each planned for with stock RRTConnect"
     ),
-    "optimistic+lo+unpruned": Variant(
-        PlacementPlanner,
-        replace(_DEFAULTS, optimistic=replace(_DEFAULTS.optimistic, prune=False)),
-        "optimistic search with local optimisation, also where provably nothing is",
-    ),
 }
 """Name -> variant; the first is what the others are compared with."""
 

@@ -22,7 +22,6 @@ COLOURS = {
     "uniform": "#e69f00",
     "baseline": "#777777",
     "plain": "#000000",
-    "optimistic+lo+unpruned": "#f0e442",
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 

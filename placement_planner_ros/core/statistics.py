@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.sample_goals.rejections import Rejections
-from placement_planner_ros.core.search.sampler import SampleCount
+from placement_planner_ros.core.search.sampler import SampleCount, summed_by_name
 from placement_planner_ros.core.types import Verdict
 
 
@@ -67,14 +67,16 @@ class Statistics:
     def rejected_by_group(self) -> dict[str, dict[str, int]]:
         """The same of each placement face, and of each wall that edges lean on."""
         return {
-            group: _rejected_counts(row) for group, row in self.count.by_group(self.groups).items()
+            group: _rejected_counts(row)
+            for group, row in summed_by_name(self.groups, self.count.by_face).items()
         }
 
     @property
     def rejected_by_arm(self) -> dict[str, dict[str, int]]:
         """How many tries of each arm to reach a pose each constraint rejected."""
         return {
-            name: _rejected_counts(row) for name, row in self.rejections.by_name(self.arms).items()
+            name: _rejected_counts(row)
+            for name, row in summed_by_name(self.arms, self.rejections.tries.sum(axis=1)).items()
         }
 
 

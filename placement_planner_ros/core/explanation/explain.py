@@ -26,6 +26,7 @@ from placement_planner_ros.core.explanation.surfaces import (
     why_no_region,
 )
 from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.search.sampler import summed_by_name
 from placement_planner_ros.core.types import Verdict
 
 _FEW_SAMPLES = 500
@@ -164,7 +165,8 @@ def _count_words(search: Search, progress: Progress) -> list[str]:
     """What became of the samples, and of each arm's tries to reach poses."""
     counts = {"samples": progress.count.verdicts}
     names = [holding.arm.name for holding in search.finder.holdings]
-    for name, tries in search.finder.rejections.by_name(names).items():
+    tries_of_each = search.finder.rejections.tries.sum(axis=1)
+    for name, tries in summed_by_name(names, tries_of_each).items():
         counts[f"tries of arm {name}"] = dict(zip(Verdict, tries.tolist(), strict=True))
     return [
         shares_in_words(verdicts, noun)

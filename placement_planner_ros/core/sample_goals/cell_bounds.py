@@ -71,7 +71,6 @@ class BranchBounds:
         objective: ξ.
 
     Attributes:
-        required: the terms that are required, or None.
         bounded: whether anything is known of ξ; not where objects may lean.
         turn_radius: m that one radian counts as: half the size of the object.
     """
@@ -89,7 +88,6 @@ class BranchBounds:
         self._reach = _Reach(poses.contacts, holdings)
         frames = [frame for frame in poses.contacts.frames if frame is not None]
         self._T_face_object = np.array([frame.homogeneous for frame in frames])
-        self.required = poses.required
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
         slow = isinstance(objective, SlowObjective) and objective.bounded
@@ -136,8 +134,8 @@ class BranchBounds:
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         # Where several hold, the last one written is told.
         result[self._overlap.overlapping(ranges)] = Ruling.COLLIDING
-        if self.required is not None:
-            result[self.required.impossible(ranges)] = Ruling.BREAKS_RULE
+        if self._poses.required is not None:
+            result[self._poses.required.impossible(ranges)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result

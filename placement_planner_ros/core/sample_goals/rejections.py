@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import MAX_CELLS
-from placement_planner_ros.core.search.sampler import summed_by_name
 from placement_planner_ros.core.types import Verdict
 
 
@@ -28,7 +26,3 @@ class Rejections:
             (holdings, faces, len(Verdict)), dtype=np.int64
         )
         self.missed: deque[float] = deque(maxlen=MAX_CELLS)
-
-    def by_name(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.int64]]:
-        """(|Verdict|,) tries of all holdings that have the same of these names."""
-        return summed_by_name(names, self.tries.sum(axis=1))

@@ -55,13 +55,11 @@ class OptimisticSettings(SamplerSettings):
         uniform_share: of the samples after these, at least.
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
             what is best may stand on a small one.
-        prune: whether parts of cells that provably hold nothing are left out.
     """
 
     uniform_first: int = setting(2000, "[0, inf)")
     uniform_share: float = setting(0.5, "[0, 1)")
     even_share: float = setting(0.5, "[0, 1]")
-    prune: bool = True
 
 
 class OptimisticSampler(BatchSampler):
@@ -83,7 +81,7 @@ class OptimisticSampler(BatchSampler):
     ) -> None:
         super().__init__(hierarchy.faces, checker, settings)
         self._settings = settings
-        self._bounds = bounds if settings.prune else None
+        self._bounds = bounds
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._sets = hierarchy.sets

@@ -103,10 +103,6 @@ class SampleCount:
         """How many ended with each verdict."""
         return dict(zip(Verdict, self.by_face.sum(axis=0).tolist(), strict=True))
 
-    def by_group(self, groups: Sequence[str]) -> dict[str, Index]:
-        """(|Verdict|,) of all features that have the same of these names."""
-        return summed_by_name(groups, self.by_face)
-
     def add(self, verdicts: Index, faces: Index) -> None:
         """Count samples (n,) with these verdicts, of these faces."""
         counts = self.by_face.copy()

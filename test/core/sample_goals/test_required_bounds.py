@@ -54,7 +54,7 @@ def test_no_pose_of_a_cell_has_more(ground, request):
         some.append(cells)
     cells = np.concatenate(some)
     cells = cells[rng.permutation(len(cells))[:400]]
-    most = planner._bounds.required.most_around(planner._bounds.ranges(cells))
+    most = planner._poses.required.most_around(planner._bounds.ranges(cells))
     close = dict.fromkeys(SLOW, 0)
     for k, cell in enumerate(cells):
         share = rng.choice([0.0, 1.0, 0.5, 0.3], (12, 3))

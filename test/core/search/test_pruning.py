@@ -30,12 +30,6 @@ def hierarchy(problem) -> AfrHierarchy:
     )
 
 
-def planner_of(problem, objective, prune=True) -> PlacementPlanner:
-    settings = PlannerSettings()
-    settings = replace(settings, optimistic=replace(settings.optimistic, prune=prune))
-    return PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-
-
 def tip_poses(robot, q_rest, arm, Q):
     """T_world_tip (SE3) at each of Q (n, dof), by pinocchio."""
     data, tip, q = robot.model.createData(), robot.frame_id(arm.tip_frame), q_rest.copy()
@@ -74,7 +68,8 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
             at = np.array([*(contact[:2] + outward / np.linalg.norm(outward)), angle])
             away.append((len(faces) - 1, at, at))
     standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
-    reach = planner_of(standing, objective)._bounds._reach  # at heights where nothing else is known
+    planner = PlacementPlanner(standing, objective, PlannerSettings(), np.random.default_rng(0))
+    reach = planner._bounds._reach  # at heights where nothing else is known
     assert len(cells) == 600
     sets = PoseSets(regions, [(k, k, 0.0, 1.0) for k in range(len(regions))])
     assert not reach.out_of_reach(PlacedCells(sets, np.array(cells, CELL))).any()
