@@ -34,6 +34,8 @@ CHORD_MOTION_M = 0.02
 """m, how far a point of a body moves at most along a chord, unless between two samples; and the
 edge of the grid's cubes, unless there were too many of them."""
 _MOST_CUBES = 1_000_000
+_CLUSTER_CELLS = 1.5
+"""Cells of the obstacle set by which points that lie together differ at most along an axis."""
 _KNOWN_SURFACE_NOISES = 5.0
 """Points within this times the noise of a surface that was known are no news."""
 
@@ -114,7 +116,7 @@ class SweptSpace:
         known: the obstacle set.
         margin: that every body keeps from points, metres.
         density: how many points a cell of the obstacle set had, on average. So many points of news
-            must lie within a cell's size of each other to count, up to `GridSettings.min_points`:
+            must lie together to count, up to `GridSettings.min_points`:
             fewer are flying pixels.
     """
 
@@ -147,7 +149,7 @@ class SweptSpace:
         points = points[((points >= low) & (points <= high)).all(axis=1)]
         if len(points) and self._fewest > 1:
             company = KDTree(points).query_ball_point(
-                points, self._known.cell_size, p=np.inf, return_length=True
+                points, _CLUSTER_CELLS * self._known.cell_size, p=np.inf, return_length=True
             )
             points = points[company >= self._fewest]
         as_they_are = GridSettings(self._known.cell_size, noise_floor=1.0, min_points=0)
