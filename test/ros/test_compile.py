@@ -5,7 +5,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -24,34 +23,26 @@ def compiling(folder):
     )
 
 
-def child_of(pid):
-    """The process that it starts."""
-    while True:
-        with open(f"/proc/{pid}/task/{pid}/children") as file:
-            begun = [int(number) for number in file.read().split()]
-        if begun:
-            return begun[0]
-        time.sleep(0.05)
-
-
-def both_compilers(process):
+def compilers_of(process):
     """Files that can be read once the processes that compile, which have begun, have ended."""
     while "kernels compiled" not in process.stdout.readline():
         assert process.poll() is None, process.stderr.read()
-    first = child_of(process.pid)
-    return [os.pidfd_open(first), os.pidfd_open(child_of(first))]
+    with open(f"/proc/{process.pid}/task/{process.pid}/children") as file:
+        begun = [int(number) for number in file.read().split()]
+    assert len(begun) == len(os.sched_getaffinity(0))
+    return [os.pidfd_open(each) for each in begun]
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_ended_early_it_leaves_no_process(tmp_path, number):
     process = compiling(tmp_path)
-    compilers = both_compilers(process)
+    compilers = compilers_of(process)
     process.send_signal(number)
     _, err = process.communicate(timeout=300.0)
     for each in compilers:
         select.select([each], [], [])
         os.close(each)
-    assert list(tmp_path.rglob("passed")) == [], "they ended because all was compiled"
+    assert list(tmp_path.rglob("all_kept.json")) == [], "they ended because all was compiled"
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert err.startswith("interrupted")
