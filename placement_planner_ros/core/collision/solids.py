@@ -16,7 +16,7 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.spheres import bounding_sphere, sphere_trees
+from placement_planner_ros.core.collision.spheres import sphere_trees
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -131,8 +131,9 @@ class SolidRows:
         )
 
     def ball(self) -> Array:
-        """(4,) centre and radius of a ball around all sets."""
-        center, radius = bounding_sphere(self.vertices)
+        """(4,) centre and radius of a ball around all sets, about the middle of their box."""
+        center = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+        radius = np.linalg.norm(self.vertices - center, axis=1).max()
         return np.append(center, radius + self.radius.max() + BOUND_TOLERANCE_M)
 
 
