@@ -23,6 +23,9 @@ FULL_TURN = 2.0 * math.pi
 """rad."""
 ROUNDING = 1e-9
 """m, rad, or their rates: far above what floating point loses, and nothing to any robot."""
+SINGLE_ROUNDING = 1e-6
+"""m, rad, cells, units of ξ, and parts of a whole: more than what single precision loses. Points as
+near as this are one."""
 MAX_BOXES = 64
 """Boxes that V is the union of, at most."""
 

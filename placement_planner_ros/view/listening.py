@@ -15,8 +15,8 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from placement_planner_ros.client.subscriptions import Subscriptions
-from placement_planner_ros.client.waiting import News
+from placement_planner_ros.client.subscriptions import KEPT, Subscriptions
+from placement_planner_ros.client.waiting import LONGEST, News
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.paced import Paced
@@ -26,10 +26,6 @@ from placement_planner_ros.ros.timers import every
 from placement_planner_ros.view.node_parameters import NodeParameters
 from placement_planner_ros.view.thinning import ThinCloud, thinned_cloud
 
-LOOK = 0.5
-"""Seconds between looks at what the node subscribes to."""
-_KEPT = 20
-"""Joint states that the middleware keeps between two looks at what has come."""
 LARGE_PERIOD, BESIDE_A_SEARCH = 0.18, 1.0
 """Least seconds between two large messages of one topic that are read; and while the node searches,
 which needs the processor."""
@@ -85,7 +81,7 @@ class Listener:
         for kind, name in ((MarkerArray, "markers"), (PointCloud2, "occupancy")):
             group, take = Paced(self._large_period), partial(setattr, self, name)
             node.create_subscription(kind, f"{planner}/{name}", take, LATCHED, callback_group=group)
-        every(node, LOOK, self.look)
+        every(node, LONGEST, self.look)
 
     @property
     def absent(self) -> str:
@@ -125,7 +121,7 @@ class Listener:
                 JointState,
                 lambda message: self._take_joint_states(topic, message),
                 # Several drivers may tell of a part of the robot each, between two looks.
-                QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT),
+                QoSProfile(depth=KEPT, reliability=ReliabilityPolicy.BEST_EFFORT),
             ),
             "description": (String, self._take_description, LATCHED),
             "object": (Mesh, partial(setattr, self, "object"), LATCHED),
@@ -152,7 +148,7 @@ class Listener:
 
     def _take_joint_states(self, topic: str, message: JointState) -> None:
         # drivers may send several between two looks
-        for each in (message, *waiting(self._topics[topic, "joints"], _KEPT)):
+        for each in (message, *waiting(self._topics[topic, "joints"], KEPT)):
             self._take_joints(topic, each)
 
     def _take_joints(self, topic: str, message: JointState) -> None:

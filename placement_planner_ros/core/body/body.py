@@ -17,12 +17,12 @@ from placement_planner_ros.core.body.convex_part import (
 )
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
-from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
+from placement_planner_ros.core.body.mesh_components import Components, Triangles
 from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -125,7 +125,7 @@ class Body:
         else:
             center, whose = _center_of_mass(solids, hull, settings)
         outside = float(np.max(hull.normals @ center - hull.offsets))
-        if outside > ROUNDING_M:
+        if outside > SINGLE_ROUNDING:
             raise ObjectError(
                 "`center_of_mass`",
                 center.tolist(),

@@ -8,10 +8,10 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh_cells import surface_points
-from placement_planner_ros.core.body.mesh_components import ROUNDING_M, equal_rows
+from placement_planner_ros.core.body.mesh_components import equal_rows
 from placement_planner_ros.core.body.placement_face import PlacementFace, outermost_rows
 from placement_planner_ros.core.body.tipping import Index
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 SPACING_M = 0.005
 """m, what touches has a contact point in each square of this side, or of a larger one ..."""
@@ -75,13 +75,13 @@ def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
     # Edges that only one triangle has are the rim.
-    first, same = equal_rows(np.round(corners / ROUNDING_M))
+    first, same = equal_rows(np.round(corners / SINGLE_ROUNDING))
     edges = np.sort(same[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
     # The rim as segments.
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
     along = end - begin
-    square = np.maximum((along * along).sum(axis=1), ROUNDING_M**2)
+    square = np.maximum((along * along).sum(axis=1), SINGLE_ROUNDING**2)
     a, b, c = corners[triangles].swapaxes(0, 1)
     room = np.zeros(len(points))
     for n, point in enumerate(points):

@@ -24,9 +24,9 @@ from placement_planner_ros.core.body.convex_part import (
 )
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.body.mesh_cells import FarCells, MeshCells
-from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Components, Triangles
+from placement_planner_ros.core.body.mesh_components import Components, Triangles
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 COVER_TOLERANCE_M = 0.010
 """m by which a mesh's cover may reach beyond it; half of that where it is small."""
@@ -146,7 +146,7 @@ class CutPiece:
         corners = np.array(list(itertools.product(*box.T)))
         # Cells are taken to be inside where the surface passes them: what the hull lacks is not.
         beyond = corners @ self.hull.normals.T - self.hull.offsets
-        corners = corners[(beyond <= ROUNDING_M).all(axis=1)]
+        corners = corners[(beyond <= SINGLE_ROUNDING).all(axis=1)]
         return np.asarray(corners[cells.inside(corners)])
 
 

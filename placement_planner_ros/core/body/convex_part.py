@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from placement_planner_ros.core.body.mesh_components import ROUNDING_M, Triangles, equal_rows
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.body.mesh_components import Triangles, equal_rows
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array
 
 SHEET_M = 1e-3
 """m that sheets are taken to be thick; dents less deep do not count."""
@@ -123,7 +123,7 @@ def simpler_hull(part: ConvexPart, slack: float) -> ConvexPart:
     middle = part.vertices.mean(axis=0)
     vertices, offsets = part.vertices - middle, part.offsets - part.normals @ middle
     normals, furthest, made = np.concatenate([np.eye(3), -np.eye(3)]), np.inf, vertices
-    while furthest > max(slack, 2.0 * ROUNDING_M):
+    while furthest > max(slack, 2.0 * SINGLE_ROUNDING):
         # The corners that the planes so far leave: planes of the dual's hull.
         reach = (normals @ vertices.T).max(axis=1)
         dual = ConvexHull(normals / reach[:, None]).equations
@@ -145,4 +145,4 @@ def grown_hull(part: ConvexPart) -> ConvexPart:
     """The same in larger, its planes moved outward by more than rounding."""
     middle = part.vertices.mean(axis=0)
     depth = float((part.offsets - part.normals @ middle).min())
-    return polytope_of(middle + (part.vertices - middle) * (1.0 + 2.0 * ROUNDING_M / depth))
+    return polytope_of(middle + (part.vertices - middle) * (1.0 + 2.0 * SINGLE_ROUNDING / depth))

@@ -9,10 +9,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from placement_planner_ros.core.types import Array
-
-ROUNDING_M = 1e-6
-"""m by which what is the same may differ: vertices this near are one."""
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 Triangles = npt.NDArray[np.int64]
 Labels = npt.NDArray[np.int64]
@@ -48,7 +45,7 @@ class Components:
         # Equal vertices are one.
         points, faces = vertices, triangles
         if weld:
-            first, kind = equal_rows((vertices / ROUNDING_M).round())
+            first, kind = equal_rows((vertices / SINGLE_ROUNDING).round())
             points, faces = vertices[first], kind[triangles]
         # Repetitions are found by the smallest corner first, backs by all corners sorted.
         turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.body.mesh_components import ROUNDING_M
 from placement_planner_ros.core.body.tipping import Tipping
+from placement_planner_ros.core.types import SINGLE_ROUNDING
 
 TIPPING_RISE_M = 0.0002
 """m that a body's centre of mass must rise at least for it to leave a rest: a push to 63 mm/s lifts
@@ -46,7 +46,7 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
             by more is none that rests.
     """
     # Valleys deep enough to hold the body, firmly or not.
-    bottoms = tipping.valleys(ROUNDING_M)
+    bottoms = tipping.valleys(SINGLE_ROUNDING)
     firm: list[int] = []
     rolling: list[int] = []
     for facet in tipping.valleys(TIPPING_RISE_M).tolist():

@@ -20,8 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from placement_planner_ros.core.scene.grid import ROUNDING
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 TILT_RAD = math.radians(3.0)
 """rad that gravity may be tilted by in any direction."""
@@ -51,7 +50,7 @@ def stays(
     size = max(float(np.abs([a, b, c]).max()), 1e-6)
     wrenches = np.vstack([x, y, z, moments / size])
     # in balance, but for rounding by the weight
-    return all(nnls(wrenches, -load)[1] <= ROUNDING for load in _disturbed_loads(margin))
+    return all(nnls(wrenches, -load)[1] <= SINGLE_ROUNDING for load in _disturbed_loads(margin))
 
 
 def could_stay(

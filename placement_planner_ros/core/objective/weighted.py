@@ -34,7 +34,7 @@ from placement_planner_ros.core.objective.terms import (
     Turn,
     term_ends,
 )
-from placement_planner_ros.core.types import LEVEL, Array, Slope
+from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array, Slope
 
 BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "clearance": ClearanceTerm,
@@ -46,8 +46,6 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "stance": Stance,
 }
 """Terms by name."""
-_TERM_ROUNDING = 1e-6
-"""By so much a required term may be too low, in its unit."""
 
 
 class PlugInTerm:
@@ -243,7 +241,7 @@ class Requirements:
             # By how many scales each is too low.
             for term, least in terms if len(rows) else ():
                 short = least - term.values(T_world_object[rows])
-                total[rows] += np.where(short > _TERM_ROUNDING, short, 0.0) / term.scale
+                total[rows] += np.where(short > SINGLE_ROUNDING, short, 0.0) / term.scale
         return total
 
     def most_around(self, ranges: PoseRanges) -> dict[str, Array]:
@@ -255,7 +253,7 @@ class Requirements:
         """(n,) ranges at all of whose poses one of them is too low."""
         most, least = self.most_around(ranges), self.at_least
         # Arithmetic may be off by as much again.
-        low = [most[name] < least[name] - 2.0 * _TERM_ROUNDING for name in most]
+        low = [most[name] < least[name] - 2.0 * SINGLE_ROUNDING for name in most]
         return np.asarray(np.any(low, axis=0))
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:

@@ -15,10 +15,10 @@ from placement_planner_ros.core.objective.objective import Objective, PoseRanges
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.support_bounds import ROUNDING, SupportBound
+from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 Mask = npt.NDArray[np.bool_]
 
@@ -145,4 +145,4 @@ class BranchBounds:
         known."""
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
-        return self._objective.most_around(self.ranges(cells)) + ROUNDING
+        return self._objective.most_around(self.ranges(cells)) + SINGLE_ROUNDING

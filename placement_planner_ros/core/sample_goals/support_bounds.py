@@ -15,12 +15,10 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M
-from placement_planner_ros.core.types import Array, Slope, TargetVolume
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
 
 Mask = npt.NDArray[np.bool_]
 
-ROUNDING = 1e-6
-"""m or units of ξ, more than arithmetic is off by, and than surfaces reach beyond their edges."""
 _BETWEEN_PIXELS = 2.5
 """Pixels of a layer that a value between four of them differs from the nearest at most, beside what
 the distance explains."""
@@ -65,8 +63,8 @@ class SupportBound:
         # Whether the centre of mass can lie in V.
         centers = self._centers[placed.face]
         middle = placed.middles(centers)[:, 0, :2]
-        within = placed.half + placed.strays(centers) + ROUNDING
-        heights = placed.contact[:, 2], placed.rise + ROUNDING
+        within = placed.half + placed.strays(centers) + SINGLE_ROUNDING
+        heights = placed.contact[:, 2], placed.rise + SINGLE_ROUNDING
         outside = _beside_volume(self._volume, middle, within, *heights)
         stands = self._carried if self._polygon is None else self._surrounded
         return np.asarray(outside | ~stands(placed))
@@ -86,7 +84,7 @@ class SupportBound:
         # Places all over a square around the contact point.
         at, within = radius[..., None] * _DISC, np.repeat(_DISC_REACH * radius, len(_DISC), axis=1)
         found = self._supported(placed, placed.contact[:, None, :2] + at, within)
-        away = shift @ _SIDES.T + inside[:, None] - within[:, :1] - ROUNDING
+        away = shift @ _SIDES.T + inside[:, None] - within[:, :1] - SINGLE_ROUNDING
         beyond = at @ _SIDES.T >= away[:, None]
         return np.asarray((found[..., None] & beyond).any(axis=1).all(axis=1))
 
@@ -97,7 +95,7 @@ class SupportBound:
             middles, radii: (n, m, 2) and (n, m) of the discs, at the middle of each cell.
         """
         # Support may be as far from the middle as disc and cell reach.
-        radii = radii + np.linalg.norm(placed.half, axis=1)[:, None] + ROUNDING
+        radii = radii + np.linalg.norm(placed.half, axis=1)[:, None] + SINGLE_ROUNDING
         found = np.zeros(radii.shape, np.bool_)
         # Cells on one plane are looked up together.
         for number in np.unique(placed.plane).tolist():
@@ -114,7 +112,7 @@ class SupportBound:
         """Of the layers that answer for a height: origin, pixel, and (nx, ny) how deep inside of
         the support a pixel is, negative by how far it is beside."""
         support, fields = self._environment.support_of(slope), []
-        ends = (round((height + off) / LAYER_STEP_M) for off in (-ROUNDING, ROUNDING))
+        ends = (round((height + off) / LAYER_STEP_M) for off in (-SINGLE_ROUNDING, SINGLE_ROUNDING))
         for step in sorted(set(ends)):
             layer = support.layer(step * LAYER_STEP_M, self._tolerance)
             if layer is None:

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.grid import ROUNDING, ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 from placement_planner_ros.core.uncounted import Uncounted
 
 Field = npt.NDArray[np.float32]
@@ -76,7 +76,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     first_cell, reached = _reached_cells(obstacles, steps)
     # memory of numpy's takes less time to get than that of kernels
     levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
-    per_metre = (1.0 - ROUNDING) / step
+    per_metre = (1.0 - SINGLE_ROUNDING) / step
     # further than the cap from all boxes; outside of the shape nothing is known
     levels[:] = int(cap * per_metre)
     by_axis = levels.reshape(*tiles, _TILE, _TILE, _TILE)
@@ -84,7 +84,9 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
         np.moveaxis(by_axis, (axis, 3 + axis), (0, 1))[-1, _TILE - -cells % _TILE :] = 0
     _distance_bound(obstacles.arrays, cap, per_metre, steps, first_cell, values, levels)
     levels.setflags(write=False)
-    exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * ROUNDING), _LEVELS - 1))
+    exact = int(
+        min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * SINGLE_ROUNDING), _LEVELS - 1)
+    )
     return DistanceBound(
         obstacles.origin, obstacles.cell_size, obstacles.shape, step, exact, levels
     )

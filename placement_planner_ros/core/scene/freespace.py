@@ -22,8 +22,8 @@ from numba import njit
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene.clearance import CAP
 from placement_planner_ros.core.scene.cloud import STEP_M, thinned
-from placement_planner_ros.core.scene.grid import ROUNDING, ObstacleSet
-from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, TargetVolume, frozen_array
 from placement_planner_ros.core.uncounted import Uncounted
 
 Cells = npt.NDArray[np.int32]
@@ -120,8 +120,8 @@ class SeenSpace:
         size = measured.cell_size
         low = np.maximum(volume.lower - CAP, lower)
         high = np.minimum(volume.upper + CAP, upper)
-        first = np.floor((low - measured.origin) / size + ROUNDING)
-        sides = np.floor((high - measured.origin) / size + ROUNDING) - first + 1.0
+        first = np.floor((low - measured.origin) / size + SINGLE_ROUNDING)
+        sides = np.floor((high - measured.origin) / size + SINGLE_ROUNDING) - first + 1.0
         shape = (int(sides[0]), int(sides[1]), int(sides[2]))
         goes_on = np.stack([low > lower, high < upper], axis=1)
         origin = frozen_array(measured.origin + first * size)

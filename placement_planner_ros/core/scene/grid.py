@@ -26,7 +26,7 @@ from placement_planner_ros.core.scene.cloud import checked_bounds, checked_cloud
 from placement_planner_ros.core.scene.denoising import without_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
+from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array, Slope, frozen_array
 
 _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 
@@ -36,8 +36,6 @@ round height does not fall onto a face between two layers, where rounding would 
 over both."""
 SKIN_M = 0.0005
 """m that heights within a level surface differ by where nothing is noisy."""
-ROUNDING = 1e-6
-"""m, cells, and parts of a whole: more than what single precision loses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,8 +253,8 @@ class ObstacleSet:
         while (rows >= 0).any():
             # box after box of the cell above, until none is left
             known, rows = known[rows >= 0], rows[rows >= 0]
-            covers = (self.lower[rows, :2] <= lower[known, :2] + ROUNDING).all(axis=1)
-            covers &= (self.upper[rows, :2] >= upper[known, :2] - ROUNDING).all(axis=1)
+            covers = (self.lower[rows, :2] <= lower[known, :2] + SINGLE_ROUNDING).all(axis=1)
+            covers &= (self.upper[rows, :2] >= upper[known, :2] - SINGLE_ROUNDING).all(axis=1)
             found, low = known[covers], self.lower[rows[covers], 2]
             heights[found] = np.minimum(heights[found], low)
             rows = self.next[rows]

@@ -24,7 +24,6 @@ from scipy.ndimage import label, map_coordinates, maximum_filter
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, STEP_M, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import View
-from placement_planner_ros.core.scene.grid import ROUNDING
 from placement_planner_ros.core.scene.rasters import (
     AREA_PER_POINT,
     GROWTH,
@@ -40,7 +39,7 @@ from placement_planner_ros.core.scene.rasters import (
     widest_empty_disc,
     window_sums,
 )
-from placement_planner_ros.core.types import Array, Slope, TargetVolume
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
 
 LAYER_STEP_M = 0.001
 """m between the heights of layers: what is looked up is so at the nearest of them."""
@@ -360,7 +359,7 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
     # closed area of each tile and those around it, up to each radius
     step = np.log(np.maximum(widest / np.float32(radii[0]), np.float32(1.0)))
-    step = np.ceil(step * np.float32(apart / math.log(GROWTH)) - np.float32(ROUNDING))
+    step = np.ceil(step * np.float32(apart / math.log(GROWTH)) - np.float32(SINGLE_ROUNDING))
     step = np.minimum(step.astype(np.int64), len(radii))
     tile = np.add.outer(np.arange(nx) // side * tiles[1], np.arange(ny) // side)
     slots = (*tiles, len(radii) + 1)

@@ -77,19 +77,6 @@ def _descend_tree(
         depth += 1
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _propagate_reward(
-    node: int, visit: int, reward: float, parent: Links, counts: tuple[Counts, Array]
-) -> None:
-    """Add to v and r of a node and of all above it."""
-    visits, rewards = counts
-    # From the node up to the root.
-    while node >= 0:
-        visits[node] += visit
-        rewards[node] += reward
-        node = parent[node]
-
-
 class SearchTree:
     """G_s: the part of the hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
 
@@ -151,7 +138,10 @@ class SearchTree:
 
     def update(self, node: int, visits: int, reward: float) -> None:
         """Update: add to v and r of a node and of its ancestors."""
-        _propagate_reward(node, visits, reward, self.parent, (self.visits, self.rewards))
+        while node >= 0:
+            self.visits[node] += visits
+            self.rewards[node] += reward
+            node = int(self.parent[node])
 
     def _add_child(self, node: int) -> int:
         # One of those that are not in the tree yet, swapped to the end to be taken from there.

@@ -15,13 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
-from placement_planner_ros.core.types import FULL_TURN, Array, Slope, upright
+from placement_planner_ros.core.types import FULL_TURN, SINGLE_ROUNDING, Array, Slope, upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 VERTICAL = math.radians(5.0)
 """Nearer than this to the vertical a direction faces nowhere."""
-_ANGLE_ROUNDING_RAD = 1e-6
-"""rad that a tolerance is exceeded by at most, so that 0 can be kept; arms are less exact."""
 
 Ranges = tuple[tuple[float, float], ...]
 """Intervals of θ, each from [0, 2π) on and at most a full turn long, that share no turn."""
@@ -43,8 +41,8 @@ class Turns:
 
     def kept(self, rotations: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether the rules are kept by objects turned by (n, 3, 3)."""
-        kept = self.leans(rotations) <= self.settings.up_tolerance + _ANGLE_ROUNDING_RAD
-        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + _ANGLE_ROUNDING_RAD
+        kept = self.leans(rotations) <= self.settings.up_tolerance + SINGLE_ROUNDING
+        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + SINGLE_ROUNDING
         return kept
 
     def leans(self, rotations: Array) -> Array:
@@ -84,12 +82,12 @@ class Turns:
         # Where `up` leans by just its tolerance.
         if self._up is not None:
             _, _, up = _turned_coordinates(to_normal, to_face @ self._up)
-            ends += _angles_of_value(up, math.cos(self.settings.up_tolerance + _ANGLE_ROUNDING_RAD))
+            ends += _angles_of_value(up, math.cos(self.settings.up_tolerance + SINGLE_ROUNDING))
         # Where `front` is off by just its tolerance, or begins to face nowhere.
         if self._front is not None:
             x, y, z = _turned_coordinates(to_normal, to_face @ self._front)
             for sign in (-1.0, 1.0):
-                off = sign * (self.settings.front_tolerance + _ANGLE_ROUNDING_RAD)
+                off = sign * (self.settings.front_tolerance + SINGLE_ROUNDING)
                 azimuth = self.settings.front_direction + off
                 ends += _angles_of_value(math.cos(azimuth) * y - math.sin(azimuth) * x, 0.0)
                 ends += _angles_of_value(z, sign * math.cos(VERTICAL))

@@ -19,7 +19,7 @@ from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, link_s
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 OWN_M = 0.002
@@ -32,8 +32,6 @@ FEWEST_INSIDE = 20
 """Points inside a solid from which on their depths tell how well is measured."""
 CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
-ROUNDING_M = 1e-6
-"""That coordinates are off by."""
 
 Mask = npt.NDArray[np.bool_]
 
@@ -138,7 +136,7 @@ class Outline:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
         found = FilteredPoints.nothing(len(points))
         for number, (T, tree, padding) in enumerate(self.placed):
-            cap = max(padding, least) + ROUNDING_M
+            cap = max(padding, least) + SINGLE_ROUNDING
             rows = _near(points, T, tree, cap)
             if not len(rows):
                 continue
@@ -157,7 +155,9 @@ class Outline:
 
     def boxes(self) -> Array:
         """(k, 2, 3) middle and half sides of the upright box around each, with its padding."""
-        found = [_upright_box(T, tree, padding + ROUNDING_M) for T, tree, padding in self.placed]
+        found = [
+            _upright_box(T, tree, padding + SINGLE_ROUNDING) for T, tree, padding in self.placed
+        ]
         return np.array(found).reshape(-1, 2, 3)
 
     def near(self, points: Array) -> npt.NDArray[np.int64]:
@@ -289,8 +289,8 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         # straight off the nearest surface; what is inside one goes through it
         away = points[rows] - look.nearest[rows]
         away[look.inside[rows]] *= -1.0
-        length = np.maximum(look.apart[rows], ROUNDING_M)[:, None]
-        points[rows] = look.nearest[rows] + away / length * (clear + ROUNDING_M)
+        length = np.maximum(look.apart[rows], SINGLE_ROUNDING)[:, None]
+        points[rows] = look.nearest[rows] + away / length * (clear + SINGLE_ROUNDING)
     # what was still too near at the last look is between surfaces, and dropped
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
