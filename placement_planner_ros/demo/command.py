@@ -104,11 +104,11 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="serve a page that shows the search, to be opened in a browser, until Ctrl-C",
     )
     options = parser.parse_args(arguments)
-    if options.tour and options.params_file:
-        parser.error("--tour has objects of its own: leave out --params-file")
     if options.tour:
         parser.set_defaults(scene="cabinet_low_clutter", object=THINGS[0], seconds=5.0)
         options = parser.parse_args(arguments)
+        if options.params_file or options.object != THINGS[0]:
+            parser.error("--tour has objects of its own: leave out --params-file and --object")
     return options
 
 
