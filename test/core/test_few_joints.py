@@ -58,8 +58,8 @@ def test_what_is_published_is_right_and_in_no_cell_that_is_ruled_out(table, name
         angle, contact = face_angle(planner, placement.goal)
         sets = planner._search.hierarchy.sets
         of = (sets.face == placement.goal.face) & (abs(sets.z - contact[2]) < 1e-6)
-        place = np.array([[*contact[:2], angle % (2.0 * np.pi)]])
-        cell = sets.cells_between(np.flatnonzero(of)[:1], place, place)
+        cell = sets.cells[np.flatnonzero(of)[:1]]
+        cell["low"] = cell["high"] = [*contact[:2], angle % (2.0 * np.pi)]
         assert planner._bounds.rulings(cell)[0] == Ruling.OPEN
     assert previous is not None
     assert planner.exhausted == ""

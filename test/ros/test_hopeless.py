@@ -298,7 +298,7 @@ SITUATIONS = {
     "a trench too narrow to open the hand": Situation(
         Inputs(
             {
-                "target_volume": [0.33, 0.11, -0.05, 0.52, 0.19, 0.02],
+                "target_volume": [0.33, 0.14, -0.05, 0.52, 0.16, 0.02],
                 "left.grasps": poses(HELD.grasps["left"][1]),
             },
             TRENCH,

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import label, map_coordinates, maximum_filter
+from scipy.ndimage import label, map_coordinates, maximum_filter, uniform_filter
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, STEP_M, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import View
@@ -35,9 +35,7 @@ from placement_planner_ros.core.scene.rasters import (
     Index,
     Mask,
     hand_on_nearest,
-    pixel_sums,
     widest_empty_disc,
-    window_sums,
 )
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
 
@@ -208,10 +206,10 @@ class Raster:
         self.shape = (int(shape[0]), int(shape[1]))
 
     def counts(self, points: Array) -> Array:
-        """`pixel_sums` of x and y, in pixels, of those points (k, 2), m, that are on the raster."""
+        """`_pixel_sums` of x and y, in pixels, of those points (k, 2), m, on the raster."""
         at = (points - self.origin) / self.pixel
         at = at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
-        return pixel_sums(at, at, self.shape)
+        return _pixel_sums(at, at, self.shape)
 
     def width(self, side: float) -> int:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
@@ -237,7 +235,7 @@ def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> Mask:
 
 
 def _pixel_means(sums: Array) -> Array:
-    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
+    """(m, 2) mean position of the points of each pixel that has any, in order, of `_pixel_sums`."""
     held = sums[0] > 0.0
     return np.column_stack([sums[1][held], sums[2][held]]) / sums[0][held][:, None]
 
@@ -270,7 +268,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
     at = (on - raster.origin) / pixel
-    measured = pixel_sums(at, np.column_stack([at, heights]), raster.shape)
+    measured = _pixel_sums(at, np.column_stack([at, heights]), raster.shape)
     things = raster.counts(over)
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
@@ -310,7 +308,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     beside_things = upper & ~risen[of_pixel]
     kept = beside_things if beside_things.any() else upper
     off = heights[kept] - height
-    sums = pixel_sums(at[kept], np.column_stack([off, off**2]), raster.shape)[:3]
+    sums = _pixel_sums(at[kept], np.column_stack([off, off**2]), raster.shape)[:3]
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
     surface = _surface_heights(sums, noise, (far, raster.width(averaged))) + np.float32(height)
@@ -390,7 +388,7 @@ def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
     """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
     if not ended.any():
         return np.zeros(raster.shape, np.bool_)
-    on, through = window_sums(np.stack([ended, passed]), raster.width(3.0 * TILE_M))
+    on, through = _window_sums(np.stack([ended, passed]), raster.width(3.0 * TILE_M))
     return np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
 
@@ -410,7 +408,7 @@ def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Fiel
     """
     surface = np.full(sums.shape[1:], np.inf)
     for width in widths:  # what is near counts where there is any
-        count, total, squares = window_sums(sums, width)
+        count, total, squares = _window_sums(sums, width)
         held = count > 0.5
         surface[held] = total[held] / count[held]
     if noise > 0.0:  # between two levels there is no surface
@@ -420,11 +418,29 @@ def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Fiel
 
 
 def _highest_points(raster: Raster, measured: Array, noise: float) -> Field:
-    """(nx, ny) m, the highest point under what touches there, of `pixel_sums` of all."""
+    """(nx, ny) m, the highest point under what touches there, of `_pixel_sums` of all."""
     top = measured[4]
     if noise > 0.0:  # single points say nothing
-        many, total = window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
+        many, total = _window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
         top = np.where(many > FEWEST_ON_TOP - 0.5, total / np.maximum(many, 1.0), -np.inf)
     # what lies within a coarse pixel beside a point that touches is under the object
     wide = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
     return np.asarray(maximum_filter(top, wide).astype(np.float32))
+
+
+def _pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
+    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
+    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
+    number = shape[0] * shape[1]
+    i, j = (at + 0.5).astype(np.int64).T  # the pixel whose centre is nearest
+    pixel = i * shape[1] + j
+    greatest = np.full(number, -np.inf)
+    np.maximum.at(greatest, pixel, values[:, -1])
+    sums = [np.bincount(pixel, weights, number) for weights in (None, *values.T)]
+    return np.stack([*sums, greatest]).reshape(-1, *shape)
+
+
+def _window_sums(images: Array, width: int) -> Array:
+    """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
+    means = uniform_filter(images, (1, width, width), mode="constant")
+    return np.asarray(means * float(width * width))

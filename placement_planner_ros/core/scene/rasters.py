@@ -20,7 +20,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.ndimage import uniform_filter
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -50,24 +49,6 @@ MOST_HEIGHTS = 48
 """Heights that are told apart, at most."""
 MOST_PIXELS = 60_000
 """Pixels of a raster up to which they are as fine as is asked for."""
-
-
-def pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
-    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
-    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
-    number = shape[0] * shape[1]
-    i, j = (at + 0.5).astype(np.int64).T  # the pixel whose centre is nearest
-    pixel = i * shape[1] + j
-    greatest = np.full(number, -np.inf)
-    np.maximum.at(greatest, pixel, values[:, -1])
-    sums = [np.bincount(pixel, weights, number) for weights in (None, *values.T)]
-    return np.stack([*sums, greatest]).reshape(-1, *shape)
-
-
-def window_sums(images: Array, width: int) -> Array:
-    """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
-    means = uniform_filter(images, (1, width, width), mode="constant")
-    return np.asarray(means * float(width * width))
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

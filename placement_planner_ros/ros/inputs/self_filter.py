@@ -145,7 +145,7 @@ class Outline:
             signed, nearest = tree.distances(local, cap)
             apart, inside = np.abs(signed), signed <= 0.0
             found.inside[rows] |= inside
-            found.padded[rows] |= inside | (apart <= padding)
+            found.padded[rows] |= inside | (apart <= padding + SINGLE_ROUNDING)
             # the nearest surface of all counts
             better = apart < found.apart[rows]
             found.apart[rows[better]] = apart[better]

@@ -77,7 +77,7 @@ def test_thin_things_stay(name, noise):
     for cloud in (points.reshape(-1, 3), points[~gone]):
         made = ObstacleSet.from_points(cloud, bounds=bounds)
         cells = np.floor((points[on_it] - made.origin) / made.cell_size).astype(int)
-        shares.append((made.index[tuple(cells.T)] >= 0).mean())
+        shares.append((made.number_at[tuple(cells.T)] > 0).mean())
     assert shares[0] > 0.9
     assert shares[1] >= shares[0] - 0.01
 

@@ -153,7 +153,7 @@ def test_regions_support_and_clearance_are_those_of_what_was_measured():
     assert {round(r.z, 2) for r in careful.regions} == {0.0, 0.15}
     for a, b in zip(careful.regions, plain.regions, strict=True):
         assert np.array_equal(a.rectangles, b.rectangles)
-    assert np.array_equal(careful.measured.index, plain.obstacles.index)
+    assert np.array_equal(careful.measured.number_at, plain.obstacles.number_at)
     hidden = np.array([[0.12, 0.0, 0.004], [-0.2, 0.0, 0.004]])
     assert careful.support.supported(hidden, 0.003).tolist() == [False, True]
 
@@ -325,7 +325,7 @@ def test_unknown_space_that_is_cut_off_far_from_v_cannot_be_entered_from_there()
     space = SeenSpace.around(obstacles, [view], volume, *bounds)
     joined = space.with_unknown(space.unknown())
     assert joined.bounds[0][2] <= space.origin[2] + 1e-9
-    occupied = joined.index >= 0
+    occupied = joined.number_at > 0
     under = cell_of(joined, (0.2, 0.0, -0.3))  # below the floor, within what is known
     assert occupied[under[0], under[1], : under[2]].any()
     assert occupied[under[0] :, under[1], under[2]].any()

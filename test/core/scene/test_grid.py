@@ -13,7 +13,7 @@ def inside_some_box(obstacles, points, slack=1e-9):
     found = np.zeros(len(points), bool)
     cells = np.floor((points - obstacles.origin) / size).astype(int)
     for p, cell in enumerate(cells):
-        row = obstacles.index[tuple(cell)]
+        row = obstacles.number_at[tuple(cell)] - 1
         while row >= 0:
             found[p] |= bool(
                 (points[p] >= obstacles.lower[row] - slack).all()
@@ -127,7 +127,7 @@ def test_nothing_seen_within_bounds_is_an_empty_set():
     for points in (np.zeros((0, 3)), np.full((4, 3), 9.0)):
         obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
         assert len(obstacles) == 0
-        assert (obstacles.index == -1).all()
+        assert (obstacles.number_at == 0).all()
 
 
 @pytest.mark.parametrize(
