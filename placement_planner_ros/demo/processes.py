@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from placement_planner_ros.__main__ import VIEW_REMEDY
+from placement_planner_ros.core.child_process import child_environment
 
 _HOST = "127.0.0.1"
 _NODE = [sys.executable, "-m", "placement_planner_ros.ros.node"]
@@ -100,7 +101,11 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
     # in a session of its own Ctrl-C does not reach it
     with log.open("wb") as stream:
         process = subprocess.Popen(
-            command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=child_environment(),
         )
     try:
         yield process
