@@ -146,20 +146,6 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
         tips[k, 3, 3] = 1.0
 
 
-@njit(cache=True, nogil=True)
-def _object_jacobian(
-    fixed: Array, prismatic: Flags, T_tip_object: Array, q: Array, jacobian: Array
-) -> None:
-    """Jacobian (6, dof) of the object's origin at q (dof,)."""
-    frames = np.zeros((len(prismatic) + 1, 4, 4))
-    chain_frames(fixed, prismatic, q, frames)
-    # Where the object's origin is.
-    x, y, z = to_world(
-        frames, len(prismatic), T_tip_object[0, 3], T_tip_object[1, 3], T_tip_object[2, 3]
-    )
-    frames_jacobian(frames, prismatic, x, y, z, jacobian)
-
-
 def kernel_input(values: npt.ArrayLike) -> Array:
     """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
     if type(values) is np.ndarray and values.dtype == np.float64:
@@ -271,9 +257,10 @@ class Chain:
 
         Both in world axes; T_tip_object is (4, 4).
         """
-        out = np.empty((6, self.dof))
-        T = kernel_input(T_tip_object)
-        _object_jacobian(self.fixed, self.prismatic, T, kernel_input(q), out)
+        out, frames = np.empty((6, self.dof)), np.zeros((self.dof + 1, 4, 4))
+        chain_frames(self.fixed, self.prismatic, kernel_input(q), frames)
+        x, y, z = (frames[-1] @ T_tip_object)[:3, 3].tolist()
+        frames_jacobian(frames, self.prismatic, x, y, z, out)
         return out
 
 

@@ -10,7 +10,7 @@ from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.arrays import ArmArrays, Indices
-from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
+from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
@@ -22,13 +22,6 @@ class SweptCubes(NamedTuple):
     size: float
     swept: npt.NDArray[np.bool_]
     """(nx, ny, nz)."""
-
-
-@njit(cache=True, nogil=True)
-def place_all(arm: ArmArrays, configurations: Array, frames: Array) -> None:
-    """Fill frames (k, n + 2, 4, 4) of all joints and the tip at configurations (k, n)."""
-    for k in range(len(configurations)):
-        chain_frames(arm.fixed, arm.prismatic, configurations[k], frames[k])
 
 
 @njit(cache=True, nogil=True)

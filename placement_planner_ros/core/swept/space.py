@@ -26,9 +26,9 @@ from scipy.spatial import KDTree
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.arrays import ArmArrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
-from placement_planner_ros.core.reach.kinematics import kernel_input
+from placement_planner_ros.core.reach.kinematics import chain_frames, kernel_input
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark_cubes, place_all
+from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark_cubes
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 CHORD_MOTION_M = 0.02
@@ -95,7 +95,8 @@ class _Chords:
     def of(cls, arm: ArmArrays, configurations: Array) -> _Chords:
         frames = np.zeros((len(configurations), len(arm.prismatic) + 2, 4, 4))
         frames[:, -1] = np.eye(4)
-        place_all(arm, kernel_input(configurations), frames)
+        for q, placed in zip(kernel_input(configurations), frames, strict=True):
+            chain_frames(arm.fixed, arm.prismatic, q, placed)
         # Where the chords end, by how far points move from sample to sample.
         along = np.concatenate([[0.0], np.cumsum(_largest_motions(arm, frames))])
         steps = np.arange(0.0, along[-1] + CHORD_MOTION_M, CHORD_MOTION_M)
