@@ -30,6 +30,15 @@ MAX_BOXES = 64
 """Boxes that V is the union of, at most."""
 
 
+def kernel_input(values: npt.ArrayLike) -> Array:
+    """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        flags = values.flags
+        if flags.c_contiguous and flags.writeable and flags.aligned:
+            return values
+    return np.require(values, np.float64, ["C", "W"])
+
+
 def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
     """Copy `values` to a read-only float64 array; -1 in `shape` matches any length.
 

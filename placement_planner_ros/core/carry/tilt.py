@@ -8,9 +8,9 @@ import numpy as np
 
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.carry.tilt_kernels import TiltedChain, edge_keeps_tilt, project_tilt
-from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import follow_masters
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, kernel_input
 
 _RESERVE_SHARE = 0.1
 """Of the limit, what planning keeps for rounded corners and timing."""

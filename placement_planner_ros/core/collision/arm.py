@@ -33,13 +33,13 @@ from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape, link_shapes
 from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
 from placement_planner_ros.core.errors import JointStateError
-from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, kernel_input
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 HELD_OBJECT = "the held object"

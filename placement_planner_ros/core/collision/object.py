@@ -16,9 +16,8 @@ from placement_planner_ros.core.collision.swept_object import (
     check_poses,
     swept_object,
 )
-from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Slope
+from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Slope, kernel_input
 
 _WAY_STEP_M = 0.002
 """m at most between places that are looked at on a way that is not straight down."""

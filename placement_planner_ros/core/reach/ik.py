@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.reach import ik_kernels, self_motion
-from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, kernel_input
 
 
 @dataclass(frozen=True, slots=True)

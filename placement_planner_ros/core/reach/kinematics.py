@@ -25,7 +25,7 @@ from numba import njit
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.arm import Arm, follow_masters
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import Array, frozen_array, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
 
 Flags = npt.NDArray[np.bool_]
@@ -144,15 +144,6 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
             for b in range(4):
                 tips[k, a, b] = frames[-1, a, b]
         tips[k, 3, 3] = 1.0
-
-
-def kernel_input(values: npt.ArrayLike) -> Array:
-    """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
-    if type(values) is np.ndarray and values.dtype == np.float64:
-        flags = values.flags
-        if flags.c_contiguous and flags.writeable and flags.aligned:
-            return values
-    return np.require(values, np.float64, ["C", "W"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -356,7 +356,8 @@ def _fill_slices(
         # again: where a wall meets a ceiling, that was nearer further up
         entering = np.flatnonzero((number[: ended[s]] == s) | (bottom < high))
         hand_on_nearest(inside, entering, near, who)
-        _face_distances(elements, runs.bottom, who[kept], first, pixel, (low, high), values[s])
+        told = np.ascontiguousarray(who[kept])
+        _face_distances(elements, runs.bottom, told, first, pixel, (low, high), values[s])
     return values
 
 

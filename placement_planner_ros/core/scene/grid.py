@@ -26,7 +26,14 @@ from placement_planner_ros.core.scene.cloud import checked_bounds, checked_cloud
 from placement_planner_ros.core.scene.denoising import without_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array, Slope, frozen_array
+from placement_planner_ros.core.types import (
+    LEVEL,
+    SINGLE_ROUNDING,
+    Array,
+    Slope,
+    frozen_array,
+    kernel_input,
+)
 
 _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 
@@ -166,9 +173,11 @@ class ObstacleSet:
         size, origin = settings.cell_size, lattice_corner(lower, settings.cell_size)
         shape = _grid_shape(origin, upper, settings)
 
+        bounds = kernel_input(lower), kernel_input(upper)
+
         def sort(points: Array) -> Bins:
             number_at = np.zeros(shape, np.int32)
-            found = sort_into_cells(points, origin, size, lower, upper, number_at)
+            found = sort_into_cells(kernel_input(points), origin, size, *bounds, number_at)
             return Bins(*found, number_at)
 
         bins = sort(cloud)

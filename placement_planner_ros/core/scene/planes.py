@@ -19,7 +19,14 @@ from placement_planner_ros.core.scene.denoising import PLANE_POINTS
 from placement_planner_ros.core.scene.grid import SKIN_M, ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
+from placement_planner_ros.core.types import (
+    LEVEL,
+    Array,
+    Slope,
+    TargetVolume,
+    kernel_input,
+    steepness,
+)
 from placement_planner_ros.core.uncounted import Uncounted
 
 Index = npt.NDArray[np.int64]
@@ -135,7 +142,7 @@ class Planes:
             along[:, 2] -= along[:, :2] @ np.array(slope)
             beside = _level_beside(
                 obstacles.arrays,
-                along[:, 2],
+                kernel_input(along[:, 2]),
                 owned & free,
                 settings.height_tolerance,
                 SKIN_M + obstacles.noise,

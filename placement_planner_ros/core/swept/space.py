@@ -26,10 +26,10 @@ from scipy.spatial import KDTree
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.arrays import ArmArrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
-from placement_planner_ros.core.reach.kinematics import chain_frames, kernel_input
+from placement_planner_ros.core.reach.kinematics import chain_frames
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark_cubes
-from placement_planner_ros.core.types import LEVEL, Array, Slope
+from placement_planner_ros.core.types import LEVEL, Array, Slope, kernel_input
 
 CHORD_MOTION_M = 0.02
 """m, how far a point of a body moves at most along a chord, unless between two samples; and the
@@ -141,7 +141,7 @@ class SweptSpace:
     def news(self, points: Array) -> npt.NDArray[np.int64]:
         """Rows of (n, 3) points that are swept, perhaps, and were not known."""
         rows = np.empty(len(points), dtype=np.int64)
-        count = find_news(points, self._cubes, self._known, self._known_within, rows)
+        count = find_news(kernel_input(points), self._cubes, self._known, self._known_within, rows)
         return rows[:count]
 
     def first_hit(self, points: Array) -> Hit | None:

@@ -18,10 +18,10 @@ from toppra.constraint import DiscretizationType, LinearConstraint
 from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 from toppra.interpolator import AbstractGeometricPath
 
-from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
+from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames
 from placement_planner_ros.core.reach.reach_bound import lever_arms
 from placement_planner_ros.core.timing.quintic import halved_pieces
-from placement_planner_ros.core.types import ROUNDING, Array
+from placement_planner_ros.core.types import ROUNDING, Array, kernel_input
 
 _BOUND_SLACK = 0.01
 """By which, as a share, the bound may be above what is reached."""
