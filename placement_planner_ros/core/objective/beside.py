@@ -6,6 +6,7 @@ asked for.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
@@ -46,7 +47,7 @@ class Group(NamedTuple):
     known: Array
 
 
-class Beside:
+class Beside(ABC):
     """What such terms know of poses: the planes that they stand on, and what is around."""
 
     def __init__(self, context: ObjectiveContext) -> None:
@@ -90,8 +91,9 @@ class Beside:
             self._tables[key] = (cKDTree(places) if len(places) else None), known
         return self._tables[key]
 
+    @abstractmethod
     def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
-        raise NotImplementedError
+        """Places (m, 2) around that contact plane, and (m,) what is known of each."""
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
