@@ -48,6 +48,12 @@ def test_a_start_whose_answer_does_not_come_is_stopped_once_it_does(fed, held, m
 def test_a_refusal_that_comes_late_stops_nobodys_run(fed, held, planner, monkeypatch):
     assert fed.call("start").success
     searching(fed)
+    sent, send = [], conversation.Conversation._send
+    monkeypatch.setattr(
+        conversation.Conversation,
+        "_send",
+        lambda self, name, parameters: sent.append(name) or send(self, name, parameters),
+    )
     with monkeypatch.context() as hasty:
         hasty.setattr(conversation, "ANSWER_WITHIN", 0.3)
         with pytest.raises(PlacementError) as raised:
@@ -57,6 +63,7 @@ def test_a_refusal_that_comes_late_stops_nobodys_run(fed, held, planner, monkeyp
     with pytest.raises(PlacementError) as raised:  # answered after the first
         planner.start()
     assert raised.value.code == "ALREADY_RUNNING"
+    assert sent == ["start_with", "start_with"]
     assert not ended(fed)
 
 
