@@ -71,7 +71,8 @@ def test_a_placement_that_does_not_hold_any_more_is_not_confirmed(node):
     assert node.confirmed == []
 
 
-def test_what_does_not_go_together_is_refused(capsys):
+@pytest.mark.parametrize("given", [["--params-file", "x"], ["--object", "wine_glass"]])
+def test_what_does_not_go_together_is_refused(given, capsys):
     with pytest.raises(SystemExit):
-        command.main(["--tour", "--params-file", "x"])
+        command.main(["--tour", *given])
     assert "--tour" in capsys.readouterr().err
