@@ -20,29 +20,25 @@ from types import FrameType
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from placement_planner_ros.client import PlacementClient
+from placement_planner_ros.client import PlacementClient, Solution
 from placement_planner_ros.demo.processes import (
     DemoError,
     node_arguments,
     node_running,
     page_served,
 )
-from placement_planner_ros.demo.results import (
-    leg_of,
-    write_objective_plot,
-    write_pictures,
-    writing_to,
-)
-from placement_planner_ros.demo.search import search, wait_until_ready
-from placement_planner_ros.demo.setting import Setting, bundled, of_file
-from placement_planner_ros.demo.tour import THINGS, Tour
-from placement_planner_ros.pictures.stage import Leg
+from placement_planner_ros.demo.results import write_objective_plot, write_pictures, writing_to
+from placement_planner_ros.demo.search import Asking
+from placement_planner_ros.demo.setting import Setting, bundled, read_setting
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
+from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import BUNDLED_SCENES
+
+_UPRIGHT = ("toy_table", "wine_glass")
+"""What people would not put on its head; on a tour it stands on its feet."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,8 +75,8 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--tour",
         action="store_true",
-        help="put four objects down one after the other: each is confirmed, and the robot is at "
-        "its start again with the next in hand",
+        help="put objects down one after the other: each is confirmed, and the robot is at its "
+        "start again with the next in hand",
     )
     parser.add_argument(
         "--params-file",
@@ -90,7 +86,11 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "(config/robots has some), or another object for the bundled robot, at --scene",
     )
     parser.add_argument(
-        "--object", choices=BUNDLED_OBJECTS, default="wine_glass", help=f"{told}four"
+        "--object",
+        nargs="+",
+        choices=BUNDLED_OBJECTS,
+        default=["wine_glass"],
+        help=f"wine_glass; with --tour {', '.join(OBJECT_NAMES)}",
     )
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument(
@@ -105,11 +105,18 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     options = parser.parse_args(arguments)
     if options.tour:
-        parser.set_defaults(scene="cabinet_low_clutter", object=THINGS[0], seconds=5.0)
+        parser.set_defaults(scene="cabinet_low_clutter", object=OBJECT_NAMES, seconds=5.0)
         options = parser.parse_args(arguments)
-        if options.params_file or options.object != THINGS[0]:
-            parser.error("--tour has objects of its own: leave out --params-file and --object")
+    if (len(options.object) > 1) != options.tour or (options.tour and options.params_file):
+        parser.error("--tour is for several bundled objects, and they are for it")
     return options
+
+
+def _settings(options: argparse.Namespace) -> list[Setting]:
+    """What is put down, one after the other."""
+    if options.params_file is not None:
+        return [read_setting(options.params_file, options.scene)]
+    return [bundled(options.scene, name) for name in options.object]
 
 
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
@@ -117,54 +124,46 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
         options.output.mkdir(parents=True, exist_ok=True)
         (options.output / "node.log").touch()
     line.show("  reading robot and object")
+    settings = _settings(options)
     # the node's file and what it is told besides
-    chosen = options.params_file
-    setting = (
-        bundled(options.scene, options.object) if chosen is None else of_file(chosen, options.scene)
-    )
-    own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
-    arguments = node_arguments(setting.file, own)
+    own = {**settings[0].parameters, "objective": options.objective, "seed": options.seed}
     # a namespace of its own, so that no robot nearby hears
     namespace, log = f"/placement_demo_{os.getpid()}", options.output / "node.log"
     # on this machine only; the processes begun later inherit it
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     begin_ros(["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"])
     told = ", ".join(f"{name} {value}" for name, value in own.items())
-    line.say(f"{setting.title}: {told}")
+    line.say(f"{settings[0].scene.name}: {told}")
     with ExitStack() as running:
         # node, scene and page run until the block is left
+        arguments = node_arguments(settings[0].file, own)
         check = running.enter_context(node_running(namespace, arguments, log))
-        publisher = running.enter_context(published(setting))
+        publisher = running.enter_context(published(settings[0]))
         address = ""
         if options.view:
             address = running.enter_context(page_served(namespace, options.output / "view.log"))
             line.say(f"look at it in a browser: {address}")
 
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
+            asking = Asking(planner, check, line)
             line.say("the node gets ready; the first time after installation that takes a while")
-            wait_until_ready(planner, check, line)
-            # one thing, or several one after the other
-            if options.tour:
-                legs = _tour(Tour(planner, publisher, options.seconds, check, line), setting)
-                title, names = f"{options.scene}, {len(legs)} things", ("tour.png", "tour.gif")
-            else:
-                found = search(planner, {}, options.seconds, check, line)
-                best = found[-1]
-                legs, names = [leg_of("the object", setting, best)], ("placement.png", "motion.gif")
-                title = f"{setting.title}: {options.objective} {best.objective:.4f}"
+            asking.wait_until_ready()
+            searches = [
+                (setting, put_down(asking, publisher, setting, options)) for setting in settings
+            ]
         # drawing takes the processor; with the page open, the node is left running
         if not address:
             running.close()
-        still, moving, plot = (options.output / name for name in (*names, "objective.png"))
+        still, moving, plot = (
+            options.output / name for name in ("placement.png", "motion.gif", "objective.png")
+        )
         with writing_to(options.output):
-            write_pictures(still, moving, setting, legs, title, line)
-            if not options.tour:
-                write_objective_plot(plot, found, options.objective)
+            write_pictures(still, moving, searches, line)
+            write_objective_plot(plot, searches, options.objective)
         print("look at:")
         print(f"  {still}   before and after, with the way of the object")
         print(f"  {moving}   the whole motion, release and retreat included")
-        if not options.tour:
-            print(f"  {plot}   the objective of the best placement over time")
+        print(f"  {plot}   the objective of the best placement over time")
         print(f"  {log}   what the node said")
         if address:
             print(f"the page is there until Ctrl-C: {address}", flush=True)
@@ -172,19 +171,18 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
                 signal.pause()
 
 
-def _tour(tour: Tour, setting: Setting) -> list[Leg]:
-    """Each thing put down."""
-    legs, told = [], []
-    for number, name in enumerate(THINGS, 1):
-        tour.line.say(f"{number} of {len(THINGS)}: the robot is at its start with {name} in hand")
-        found = tour.put_down(name)
-        legs.append(leg_of(name.replace("_", " "), bundled(setting.scene.name, name), found[-1]))
-        told.append(
-            f"  {name:18}  {found[-1].arm} arm, first after {found[0].search_time:.2f} s, "
-            f"this after {found[-1].search_time:.2f} s, objective {found[-1].objective:.4f}"
-        )
-    tour.line.say("\n".join(told))
-    return legs
+def put_down(
+    asking: Asking, publisher: ScenePublisher, setting: Setting, options: argparse.Namespace
+) -> list[Solution]:
+    """Search for a place for what the robot holds; where it is one of several, it stands there from
+    then on, and the robot is at its start with the next one in hand."""
+    if not options.tour:
+        return asking.search({}, options.seconds, confirm=False)
+    asking.line.say(f"the robot is at its start with the {setting.name} in hand")
+    # the fingers close on another thing
+    publisher.show(setting.positions, at_rest=True)
+    up = {"object.up": [0.0, 0.0, 1.0]} if setting.file.stem in _UPRIGHT else {}
+    return asking.search({**setting.given, **up}, options.seconds, confirm=True)
 
 
 @contextmanager

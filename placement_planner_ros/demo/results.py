@@ -18,6 +18,9 @@ from placement_planner_ros.pictures.stage import Leg, Stage
 from placement_planner_ros.playback import Playback
 from placement_planner_ros.progress import ProgressLine
 
+Searches = Sequence[tuple[Setting, Sequence[Solution]]]
+"""What was put down, one after the other, and what was found for each, the best last."""
+
 
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
@@ -35,15 +38,16 @@ def writing_to(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def write_pictures(
-    still: Path, moving: Path, setting: Setting, legs: Sequence[Leg], title: str, line: ProgressLine
-) -> None:
+def write_pictures(still: Path, moving: Path, searches: Searches, line: ProgressLine) -> None:
     """Draw what was put down."""
     line.show("  drawing the picture", always=True)
+    first, _ = searches[0]
     # both hands, as either may be the one
-    hands = [link for arm in setting.arms.values() for link in arm.touch_links]
-    stage = Stage(setting.scene, setting.robot, hands, legs)
-    draw_before_and_after(still, stage, title)
+    hands = [link for arm in first.arms.values() for link in arm.touch_links]
+    legs = [_leg_of(setting, found[-1]) for setting, found in searches]
+    stage = Stage(first.scene, first.robot, hands, legs)
+    things = ", ".join(leg.name for leg in legs)
+    draw_before_and_after(still, stage, f"{first.scene.name.replace('_', ' ')}, {things}")
     line.show("  drawing the animation", always=True)
     draw_animation(
         moving, stage, lambda done, count: line.show(f"  drawing: {done} of {count} frames")
@@ -51,20 +55,21 @@ def write_pictures(
     line.clear()
 
 
-def write_objective_plot(path: Path, found: Sequence[Solution], objective: str) -> None:
-    """Draw the objective of the best placement over the seconds of the search."""
+def write_objective_plot(path: Path, searches: Searches, objective: str) -> None:
+    """Draw the objective of the best placement over the seconds of each search."""
     figure = Figure(figsize=(6.0, 3.5), layout="constrained")
     axes = figure.subplots()
-    # each is the best one until the next has come
-    axes.step(
-        [each.search_time for each in found], [each.objective for each in found], "o-", where="post"
-    )
+    for setting, found in searches:
+        times, values = [each.search_time for each in found], [each.objective for each in found]
+        # each is the best one until the next has come
+        axes.step(times, values, "o-", where="post", label=setting.name)
     axes.set(xlabel="seconds since the start", ylabel=objective, xlim=(0.0, None))
     axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)
 
 
-def leg_of(name: str, setting: Setting, best: Solution) -> Leg:
+def _leg_of(setting: Setting, best: Solution) -> Leg:
     """The solution's motion, from where the robot of the setting stands."""
     robot, arm = setting.robot, setting.arms[best.arm]
     p, r = best.pose.pose.position, best.pose.pose.orientation
@@ -78,4 +83,4 @@ def leg_of(name: str, setting: Setting, best: Solution) -> Leg:
         dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
         pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])),
     )
-    return Leg(name, setting.corners, motion)
+    return Leg(setting.name, setting.corners, motion)

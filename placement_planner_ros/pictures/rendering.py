@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+import pinocchio as pin
 from numba import njit
 
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.scenes.clouds import DepthCamera
 from placement_planner_ros.scenes.primitives import Colour
 
 _LIGHT = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
@@ -32,60 +33,28 @@ class Mesh:
     glass: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Viewpoint:
-    """A perspective camera.
+def camera_around(
+    points: Array, towards: tuple[float, float], size: tuple[int, int]
+) -> DepthCamera:
+    """A camera that sees all of `points` (n, 3).
 
-    Attributes:
-        eye: (3,) where it is.
-        rotation: (3, 3) world to camera: x right, y down, z along the view.
-        width, height: pixels.
-        focal_length: pixels.
+    Args:
+        towards: azimuth and elevation of the camera from them, rad.
+        size: width and height, pixels.
     """
-
-    eye: Array
-    rotation: Array
-    width: int
-    height: int
-    focal_length: float
-
-    @classmethod
-    def around(
-        cls, points: Array, towards: tuple[float, float], size: npt.ArrayLike, opening: float = 0.5
-    ) -> Viewpoint:
-        """A view of all of `points` (n, 3).
-
-        Args:
-            towards: azimuth and elevation of the eye, rad.
-            size: width and height, pixels.
-            opening: rad that the view is wide.
-        """
-        width, height = np.asarray(size, dtype=int).tolist()
-        azimuth, elevation = towards
-        flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        # axes of the camera: to the right, down, along the view
-        view = -np.cos(elevation) * flat - np.array([0.0, 0.0, np.sin(elevation)])
-        right = np.cross([0.0, 0.0, 1.0], flat)
-        rotation = np.vstack([right, np.cross(view, right), view])
-        # half of what is seen at a distance of 1
-        half = np.tan(opening / 2) * np.array([1.0, height / width])
-        turned = points @ rotation.T
-        centre = (turned.min(axis=0) + turned.max(axis=0)) / 2
-        for _ in range(20):  # the middle of what is seen moves as the eye draws back
-            distance = float((np.abs(turned[:, :2] - centre[:2]) / half - turned[:, 2:]).max())
-            seen = (turned[:, :2] - centre[:2]) / (turned[:, 2:] + distance)
-            shift = (seen.min(axis=0) + seen.max(axis=0)) / 2
-            centre[:2] += shift * (centre[2] + distance)
-        eye = rotation.T @ np.array([centre[0], centre[1], -distance * 1.03])
-        return cls(eye, rotation, width, height, width / 2 / half[0])
-
-    def project(self, points: Array) -> Array:
-        """World points (..., 3) as pixel u, v and depth."""
-        # perspective: divided by the depth
-        seen = (points - self.eye) @ self.rotation.T
-        middle = np.array([self.width, self.height]) / 2
-        seen[..., :2] = seen[..., :2] / seen[..., 2:] * self.focal_length + middle
-        return np.asarray(seen)
+    azimuth, elevation = towards
+    level = np.cos(elevation)
+    away = (level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation))
+    turned = DepthCamera.looking_at("picture", away, (0.0, 0.0, 0.0)).T_world_camera.rotation
+    # half of what is seen at a distance of 1, but for a rim
+    focal_length = 2.0 * size[0]
+    half = 0.97 / 2 * np.array(size) / focal_length
+    # the sides of what is seen go through the outermost points on either side
+    across, along = np.split(points @ turned, [2], axis=1)
+    low, high = (across + half * along).min(axis=0), (across - half * along).max(axis=0)
+    distance = ((high - low) / (2 * half)).max()
+    eye = turned @ np.array([*(low + high) / 2, -distance])
+    return DepthCamera("picture", pin.SE3(turned, eye), *size, focal_length)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +70,7 @@ class Image:
     depth: Array
 
 
-def render(view: Viewpoint, meshes: Iterable[Mesh], behind: Image | None = None) -> Image:
+def render(view: DepthCamera, meshes: Iterable[Mesh], behind: Image | None = None) -> Image:
     """The nearest of all surfaces at each pixel.
 
     Args:
@@ -118,7 +87,7 @@ def render(view: Viewpoint, meshes: Iterable[Mesh], behind: Image | None = None)
         # flat shading by one light
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
-        away = np.einsum("ij,ij->i", normals, a - view.eye) > 0
+        away = np.einsum("ij,ij->i", normals, a - view.T_world_camera.translation) > 0
         normals[away] *= -1  # either side may be seen
         shades = np.outer(0.5 + 0.5 * np.clip(normals @ _LIGHT, 0, 1), mesh.colour)
         _fill_triangles(view.project(mesh.corners), shades, 2 if mesh.glass else 1, colours, depth)
@@ -146,9 +115,8 @@ def _fill_triangles(
         for v in range(first_v + first_v % every, last_v + 1, every):
             for u in range(first_u + first_u % every, last_u + 1, every):
                 # barycentric weights: one is negative where the pixel's middle is outside
-                x, y = u + 0.5, v + 0.5
-                wa = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                wb = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                wa = ((b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)) / area
+                wb = ((c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)) / area
                 wc = 1.0 - wa - wb
                 if wa < 0.0 or wb < 0.0 or wc < 0.0:
                     continue

@@ -12,7 +12,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.animation import side_by_side, titled_frame
-from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, camera_around, render
 from placement_planner_ros.pictures.shapes import PLACED, RobotShapes, moved, tube, volume_edges
 
 _TOWARDS_EYE = (-0.9, 0.45)
@@ -22,7 +22,7 @@ _PANEL = (520, 420)
 
 
 def draw_robot(
-    path: Path, robot: Robot, q: Array, arms: Sequence[Arm], body: Body | None, volume: TargetVolume
+    path: Path, robot: Robot, q: Array, arms: Sequence[Arm], body: Body, volume: TargetVolume
 ) -> None:
     """Write a PNG: the robot at q (nq,) with V and, with the hand open, each grasp."""
     shapes = RobotShapes(robot, [link for arm in arms for link in arm.touch_links])
@@ -31,14 +31,12 @@ def draw_robot(
     for arm in arms:
         T_world_tip = robot.link_pose(q, arm.tip_frame)
         shown += _axes_at(T_world_tip)
-        if body is not None and arm.grasps:
+        if arm.grasps:
             shown.append(_held(body, T_world_tip * arm.grasps[0]))
     panels.append(("at the start, first grasps, tip axes x y z in red, green, blue", shown))
 
     grasps = [(arm, number) for arm in arms for number in range(len(arm.grasps))]
     for arm, number in grasps:
-        if body is None:
-            break
         opened = robot.with_open_hand(q, arm) if arm.gripper_joints else q
         T_world_tip = robot.link_pose(opened, arm.tip_frame)
         # of each grasp the hand alone, opened as for letting go
@@ -55,7 +53,7 @@ def draw_robot(
 
 def _drawn(meshes: Sequence[Mesh]) -> Image:
     points = np.vstack([mesh.corners.reshape(-1, 3) for mesh in meshes])
-    return render(Viewpoint.around(points, _TOWARDS_EYE, 2 * np.array(_PANEL)), meshes)
+    return render(camera_around(points, _TOWARDS_EYE, (2 * _PANEL[0], 2 * _PANEL[1])), meshes)
 
 
 def _held(body: Body, T: pin.SE3) -> Mesh:

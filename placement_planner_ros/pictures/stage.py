@@ -9,7 +9,7 @@ import numpy as np
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, camera_around, render
 from placement_planner_ros.pictures.shapes import (
     HAND,
     PLACED,
@@ -20,6 +20,7 @@ from placement_planner_ros.pictures.shapes import (
     volume_edges,
 )
 from placement_planner_ros.playback import Playback
+from placement_planner_ros.scenes.clouds import DepthCamera
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
 
@@ -69,12 +70,13 @@ class Stage:
         standing = [moved(leg.corners, leg.motion.T_world_placed).reshape(-1, 3) for leg in legs]
         corners = [box_corners(box) for box in scene.volume.boxes]
         self.view = self._view_of(np.vstack([*corners, *ways, *standing]))
+        eye = self.view.T_world_camera.translation
         # what never moves is drawn once
         parts = [
             Mesh(
                 part.vertices[part.triangles],
                 part.colour,
-                any(_hides(part, self.view.eye, points) for points in (*ways, *standing)),
+                any(_hides(part, eye, points) for points in (*ways, *standing)),
             )
             for part in scene.parts
         ]
@@ -93,7 +95,7 @@ class Stage:
         links = self._robot.at(self._model.configuration(moment.positions))
         return render(self.view, [*links, *things], self._behind)
 
-    def _view_of(self, points: Array) -> Viewpoint:
+    def _view_of(self, points: Array) -> DepthCamera:
         """A view of points (n, 3) and of the hands with what they hold at the start."""
         first = self.legs[0].motion.at(0.0)
         links = self._robot.at(self._model.configuration(first.positions))
@@ -103,7 +105,8 @@ class Stage:
         seen = [moved(self.legs[0].corners, first.T_world_object)]
         seen += [link.corners for link in links if link.colour == HAND]
         points = np.vstack([points, *(corners.reshape(-1, 3) for corners in seen)])
-        return Viewpoint.around(points, (front + _ASIDE, _ELEVATION), 2 * np.array(SIZE))
+        size = 2 * SIZE[0], 2 * SIZE[1]
+        return camera_around(points, (front + _ASIDE, _ELEVATION), size)
 
 
 def _hides(solid: ConvexPrimitive, eye: Array, points: Array) -> bool:

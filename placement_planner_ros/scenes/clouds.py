@@ -127,6 +127,15 @@ class DepthCamera:
         rotation = np.column_stack([right, np.cross(forward, right), forward])
         return cls(name, pin.SE3(rotation, np.array(position, dtype=np.float64)))
 
+    def project(self, points: Array) -> Array:
+        """World points (..., 3) as column, row and depth; that of a pixel's middle is whole."""
+        T = self.T_world_camera.inverse()
+        seen = points @ T.rotation.T + T.translation
+        # perspective: divided by the depth
+        middle = np.array([self.width - 1, self.height - 1]) / 2
+        seen[..., :2] = seen[..., :2] / seen[..., 2:] * self.focal_length + middle
+        return np.asarray(seen)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCloud:
@@ -236,7 +245,7 @@ def _camera_cloud(
 def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: Array) -> None:
     """Lower `depth` (height, width) to where each pixel's ray (height, width, 3) enters a solid."""
     T_camera_world = camera.T_world_camera.inverse()
-    window = _window(part.vertices @ T_camera_world.rotation.T + T_camera_world.translation, camera)
+    window = _window(camera.project(part.vertices), camera)
     # the planes of the solid in the frame of the camera
     normals = part.normals @ T_camera_world.rotation.T
     offsets = part.offsets + normals @ T_camera_world.translation
@@ -251,12 +260,11 @@ def _cast_rays(part: ConvexPrimitive, camera: DepthCamera, rays: Array, depth: A
 
 
 def _window(corners: Array, camera: DepthCamera) -> tuple[slice, slice]:
-    """Rows and columns in which a solid with such corners (n, 3), in the camera frame, can be."""
-    size = np.array([camera.width, camera.height])
+    """Rows and columns in which a solid with such projected corners (n, 3) can be."""
     # what reaches behind the camera may be anywhere in the image
     if (corners[:, 2] <= 0.0).any():
         return slice(0, camera.height), slice(0, camera.width)
-    pixels = corners[:, :2] / corners[:, 2:] * camera.focal_length + (size - 1) / 2
+    size, pixels = (camera.width, camera.height), corners[:, :2]
     low = np.clip(np.floor(pixels.min(axis=0)), 0, size).astype(int)
     high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size).astype(int)
     return slice(low[1], high[1]), slice(low[0], high[0])

@@ -94,7 +94,6 @@ def of_solids(
 
 
 _GREEN: Colour = (0.35, 0.75, 0.35)
-GLASS_SECTIONS = ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top")
 GLASS_OUTLINE = (  # height, radius
     (0.000, 0.0285),
     (0.003, 0.0285),
@@ -138,8 +137,8 @@ def _wine_glass() -> GraspedObject:
     """
     parts = [
         # one solid between each two rings of the outline
-        frustum(f"wine_glass/{name}", (below[1], above[1]), (below[0], above[0]), _GREEN, sides=32)
-        for name, (below, above) in zip(GLASS_SECTIONS, pairwise(GLASS_OUTLINE), strict=True)
+        frustum(f"wine_glass/{k}", (below[1], above[1]), (below[0], above[0]), _GREEN, sides=32)
+        for k, (below, above) in enumerate(pairwise(GLASS_OUTLINE))
     ]
     grasps = (
         grasp((0, 1, 0), tilted(0), (0, 0, 0.052), STEM),

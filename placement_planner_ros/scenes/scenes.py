@@ -62,10 +62,6 @@ class Scene:
     parts: tuple[ConvexPrimitive, ...]
 
 
-def _target_volume(*corners: float) -> TargetVolume:
-    return TargetVolume(np.array(corners[:3]), np.array(corners[3:]))
-
-
 def _cabinet_parts() -> tuple[ConvexPrimitive, ...]:
     # the outside, then what divides it
     left, right = -0.489, 0.412  # y range; open towards −x
@@ -82,7 +78,7 @@ def _cabinet_parts() -> tuple[ConvexPrimitive, ...]:
 
 
 _DECK, _LOWER_SHELF, _TABLE = 0.176, 0.263, 0.0
-CABINET_VOLUME = _target_volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
+CABINET_VOLUME = TargetVolume([0.33, -0.53, 0.15], [0.75, 0.40, 0.44])
 """Target volume in both cabinets."""
 
 
@@ -134,7 +130,7 @@ def _table_scene() -> Scene:
         _thing("low_can", (0.599, 0.272, _TABLE)),
         _thing("small_box", (0.267, 0.252, _TABLE), 102),
     )
-    return Scene("table", _target_volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
+    return Scene("table", TargetVolume([0.17, -0.40, -0.10], [0.66, 0.40, 0.10]), parts)
 
 
 def _shelf() -> Scene:
@@ -148,7 +144,7 @@ def _shelf() -> Scene:
         _thing("bottle", (0.60, -0.12, 0.10)),
         _thing("tin", (0.62, 0.25, 0.10), 20),
     )
-    return Scene("shelf", _target_volume(0.32, -0.33, 0.07, 0.70, 0.33, 0.35), parts)
+    return Scene("shelf", TargetVolume([0.32, -0.33, 0.07], [0.70, 0.33, 0.35]), parts)
 
 
 def table_of_things(volume: TargetVolume) -> Scene:
@@ -185,6 +181,7 @@ SCENE_NAMES: tuple[str, ...] = BUNDLED_SCENES[:3]
 """The paper's."""
 
 
+@functools.cache
 def scene_by_name(name: str) -> Scene:
     """Build a bundled scene.
 
@@ -193,9 +190,4 @@ def scene_by_name(name: str) -> Scene:
     """
     if name not in _SCENES:
         raise ParameterError("scene", name, f"choose one of {', '.join(BUNDLED_SCENES)}")
-    return _built_scene(name)
-
-
-@functools.cache
-def _built_scene(name: str) -> Scene:
     return _SCENES[name]()

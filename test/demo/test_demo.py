@@ -9,67 +9,114 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
 from PIL import Image
 
 import placement_planner_ros
-from placement_planner_ros.client import PlacementError
-from placement_planner_ros.demo import command, processes, search
+from placement_planner_ros.client import PlacementError, Validity
+from placement_planner_ros.demo import command, processes
 from placement_planner_ros.demo.processes import DemoError, node_running
-from placement_planner_ros.demo.setting import bundled, of_file
+from placement_planner_ros.demo.search import Asking
+from placement_planner_ros.demo.setting import bundled, read_setting
 from placement_planner_ros.progress import ProgressLine
-from placement_planner_ros.scenes.yumi import START_CONFIGURATION
+from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, start_configuration
 
 
-def alive():
-    """A node that has not died."""
+VALID = Validity()
 
 
-class Planner:
-    """A client whose run finds some solutions in time, or only the first, or none."""
+class Node:
+    """A client whose run finds some solutions, a publisher and a node, which remember what they
+    hear."""
 
-    def __init__(self, found=0, late=False, refusal=None):
-        self.found, self.late, self.refusal = found, late, refusal
-        self.deadlines = []
+    def __init__(self, found=1, refusal=None, validity=VALID):
+        self.found, self.refusal, self.validity_of = found, refusal, validity
+        self.told, self.shown, self.confirmed = [], [], []
 
     def place(self, parameters, deadline, until):
-        self.deadlines.append(deadline)
         if self.refusal is not None:
             raise self.refusal
-        if not self.found or (self.late and len(self.deadlines) == 1):
-            raise PlacementError("NO_SOLUTION", "in 12 samples no placement was found", 17)
+        self.told.append(parameters)
         for number in range(1, self.found + 1):
             solution = SimpleNamespace(
                 number=number, search_time=0.5, arm="left", objective=0.25, words="at 0 0 0"
             )
-            if until(solution):
-                break
+            until(solution)
         return solution
+
+    def validity(self, solution):
+        return self.validity_of
+
+    def confirm_placed(self, solution):
+        self.confirmed.append(solution)
+
+    def show(self, positions, at_rest):
+        self.shown.append(positions)
+
+    def search(self, confirm=False):
+        return Asking(self, lambda: None, ProgressLine()).search({}, 10.0, confirm)
 
 
 def test_each_solution_is_told_and_the_best_is_last(capsys):
-    planner = Planner(found=3)
-    found = search.search(planner, {}, 10.0, alive, ProgressLine())
-    assert [solution.number for solution in found] == [1, 2, 3]
-    assert planner.deadlines == [10.0]
+    node = Node(found=3)
+    assert [solution.number for solution in node.search()] == [1, 2, 3]
     assert capsys.readouterr().out.count("objective 0.2500") == 3
-
-
-def test_where_nothing_is_found_in_time_the_first_will_do():
-    planner = Planner(found=3, late=True)
-    found = search.search(planner, {}, 10.0, alive, ProgressLine())
-    assert [solution.number for solution in found] == [1]
-    assert planner.deadlines == [10.0, search.WITHIN_S]
+    assert node.confirmed == []
 
 
 @pytest.mark.parametrize(
     ("code", "remedy"), [("BAD_VOLUME", "troubleshooting"), ("NO_NODE", "busy")]
 )
 def test_why_there_is_no_placement_is_in_the_nodes_words(code, remedy):
-    planner = Planner(refusal=PlacementError(code, "target_volume: lower above upper"))
+    node = Node(refusal=PlacementError(code, "target_volume: lower above upper"))
     with pytest.raises(DemoError, match=rf"(?s){code}: target_volume: lower.*{remedy}"):
-        search.search(planner, {}, 10.0, alive, ProgressLine())
+        node.search()
+
+
+def test_on_a_tour_the_node_knows_what_is_held_and_that_it_stands():
+    node = Node()
+    asking = Asking(node, lambda: None, ProgressLine())
+    options = SimpleNamespace(tour=True, seconds=1.0)
+    settings = [bundled("table", name) for name in OBJECT_NAMES]
+    for setting in settings:
+        command.put_down(asking, node, setting, options)
+    for name, told in zip(OBJECT_NAMES, node.told, strict=True):
+        held = object_by_name(name)
+        near = {"rtol": 0.0, "atol": 1e-8}
+        np.testing.assert_allclose(told["object.vertices"], held.vertices.ravel(), **near)
+        np.testing.assert_array_equal(told["object.triangles"], held.triangles.ravel())
+        np.testing.assert_allclose(told["object.center_of_mass"], held.center_of_mass, **near)
+        for arm, grasps in held.grasps.items():
+            poses = np.reshape(told[f"{arm}.grasps"], (-1, 7))
+            for given, T in zip(poses, grasps, strict=True):
+                np.testing.assert_allclose(pin.XYZQUATToSE3(given), T, **near)
+    for name, shown in zip(OBJECT_NAMES, node.shown, strict=True):
+        assert shown == pytest.approx(start_configuration(name))
+    assert len(node.confirmed) == len(OBJECT_NAMES)
+
+
+def test_a_placement_that_does_not_hold_any_more_is_not_confirmed():
+    node = Node(validity=Validity("something stands there now"))
+    with pytest.raises(DemoError, match="something stands there now"):
+        node.search(confirm=True)
+    assert node.confirmed == []
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--tour", "--params-file", "x"],
+        ["--tour", "--object", "book"],
+        ["--object", "book", "book"],
+    ],
+)
+def test_what_does_not_go_together_is_refused(given, capsys):
+    with pytest.raises(SystemExit):
+        command.main(given)
+    assert "--tour" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -114,7 +161,7 @@ def own_box(tmp_path, more=""):
 
 
 def test_an_object_of_ones_own_goes_to_the_bundled_scene(tmp_path):
-    setting = of_file(own_box(tmp_path), "table")
+    setting = read_setting(own_box(tmp_path), "table")
     assert setting.scene.name == "table"
     assert setting.parameters == bundled("table", "wine_glass").parameters
     np.testing.assert_allclose(np.ptp(setting.corners, axis=(0, 1)), (0.03, 0.05, 0.1))
@@ -138,7 +185,7 @@ def demo(tmp_path, *arguments, **environment):
 
 
 def test_the_demonstration_leaves_pictures_and_says_which(tmp_path):
-    process = demo(tmp_path, "--seconds", "1", "--seed", "1")
+    process = demo(tmp_path, "--seconds", "8", "--seed", "1")
     out, err = process.communicate(timeout=900.0)
     assert process.returncode == 0, out + err
     assert "solution   1" in out

@@ -58,7 +58,7 @@ def shown_in(motion, *parts):
 @pytest.mark.parametrize("walled", [False, True])
 def test_the_object_is_seen_where_it_stands_whatever_is_before_it(motion, walled):
     placed = motion.T_world_placed.translation
-    eye = shown_in(motion).view.eye
+    eye = shown_in(motion).view.T_world_camera.translation
     near = placed + 0.3 * (eye - placed)
     wall = box("wall", near - 0.08, near + 0.08, (0.8, 0.7, 0.5))
     shown = shown_in(motion, *([wall] if walled else []))

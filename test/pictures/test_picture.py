@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
+from placement_planner_ros.pictures.rendering import Mesh, camera_around, render
+from placement_planner_ros.scenes.clouds import DepthCamera
 from placement_planner_ros.scenes.primitives import box
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -14,9 +15,9 @@ def plate(height: float, colour: tuple, half: float = 0.1, glass: bool = False) 
     return Mesh(solid.vertices[solid.triangles], colour, glass)
 
 
-def from_above(*meshes: Mesh) -> Viewpoint:
+def from_above(*meshes: Mesh) -> DepthCamera:
     points = np.vstack([mesh.corners.reshape(-1, 3) for mesh in meshes])
-    return Viewpoint.around(points, (-np.pi / 2, 1.5), (80, 60))
+    return camera_around(points, (-np.pi / 2, 1.5), (80, 60))
 
 
 def middle(image: np.ndarray) -> np.ndarray:
@@ -47,7 +48,7 @@ def test_everything_fits_into_the_view() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         points = rng.normal(size=(20, 3)) * rng.uniform(0.1, 1, 3)
-        view = Viewpoint.around(points, (rng.uniform(-3, 3), rng.uniform(-1.2, 1.2)), (300, 200))
+        view = camera_around(points, (rng.uniform(-3, 3), rng.uniform(-1.2, 1.2)), (300, 200))
         u, v, depth = view.project(points).T
         assert (depth > 0).all()
         assert u.min() >= 0
