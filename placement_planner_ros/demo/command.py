@@ -15,7 +15,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from types import FrameType
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -45,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found and drawn."""
     options = _read_options(arguments)
     for each in (signal.SIGINT, signal.SIGTERM):  # a shell's background job ignores the first
-        signal.signal(each, _raise_interrupt)
+        signal.signal(each, signal.default_int_handler)
     line = ProgressLine(pause=5.0)
     try:
         _demonstrate(options, line)
@@ -60,10 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         rclpy.try_shutdown()
     return 0
-
-
-def _raise_interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -112,19 +107,15 @@ def _read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
-def _settings(options: argparse.Namespace) -> list[Setting]:
-    """What is put down, one after the other."""
-    if options.params_file is not None:
-        return [read_setting(options.params_file, options.scene)]
-    return [bundled(options.scene, name) for name in options.object]
-
-
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     with writing_to(options.output):
         options.output.mkdir(parents=True, exist_ok=True)
         (options.output / "node.log").touch()
     line.show("  reading robot and object")
-    settings = _settings(options)
+    # what is put down, one after the other
+    settings = [bundled(options.scene, name) for name in options.object]
+    if options.params_file is not None:
+        settings = [read_setting(options.params_file, options.scene)]
     # the node's file and what it is told besides
     own = {**settings[0].parameters, "objective": options.objective, "seed": options.seed}
     # a namespace of its own, so that no robot nearby hears

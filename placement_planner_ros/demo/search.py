@@ -12,15 +12,15 @@ from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE
 from placement_planner_ros.demo.processes import DemoError
 from placement_planner_ros.progress import ProgressLine
 
-HEARD_WITHIN_S = 120.0
-"""Within which the node must be heard of."""
+WITHIN_S = 120.0
+"""Within which the node must be heard of, and must find a first placement."""
 _UNSEEN = (
     "nothing is heard of the node though its process runs: look whether the firewall lets UDP pass "
     "on this machine, unset RMW_IMPLEMENTATION, ROS_DISCOVERY_SERVER and "
     "FASTRTPS_DEFAULT_PROFILES_FILE, or choose another ROS_DOMAIN_ID"
 )
 BUSY = "is the machine busy? Try again when it is not"
-PAGE = "docs/troubleshooting.md says what each code means; a longer search may help, see --seconds"
+PAGE = "docs/troubleshooting.md says what each code means"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class Asking:
             except PlacementError as error:
                 self.check()
                 waited, status = time.monotonic() - began, self.planner.status
-                if status is None and waited > HEARD_WITHIN_S:
+                if status is None and waited > WITHIN_S:
                     raise DemoError(f"no node after {waited:.0f} s: {error}", _UNSEEN) from error
                 doing = "the node starts" if status is None else status.lacking
                 self.line.show(f"  {waited:4.0f} s  {doing}")
@@ -61,7 +61,8 @@ class Asking:
     def search(
         self, parameters: Mapping[str, Value], seconds: float, confirm: bool
     ) -> list[Solution]:
-        """Search for `seconds`; each solution, the best last.
+        """Search for `seconds`, or where nothing is found by then until something is; each
+        solution, the best last.
 
         Args:
             parameters: of the node, for this search only.
@@ -72,20 +73,27 @@ class Asking:
                 does not answer.
         """
         found: list[Solution] = []
+        late = False
 
-        def take(solution: Solution) -> None:
+        def take(solution: Solution) -> bool:
             # the best that is returned is mostly known already
-            if found and found[-1].number >= solution.number:
-                return
-            found.append(solution)
-            self.line.say(
-                f"  {solution.search_time:6.2f} s   solution {solution.number:>3}   "
-                f"{solution.arm} arm   objective {solution.objective:.4f}"
-            )
+            if not found or found[-1].number < solution.number:
+                found.append(solution)
+                self.line.say(
+                    f"  {solution.search_time:6.2f} s   solution {solution.number:>3}   "
+                    f"{solution.arm} arm   objective {solution.objective:.4f}"
+                )
+            return late
 
         self.line.say(f"searching for {seconds:g} s")
         try:
-            best = self.planner.place(parameters, seconds, until=take)
+            try:
+                best = self.planner.place(parameters, seconds, until=take)
+            except PlacementError as error:
+                if error.code != "NO_SOLUTION":
+                    raise
+                late = True  # then the first one will do
+                best = self.planner.place(parameters, WITHIN_S, until=take)
             take(best)
             if confirm:
                 # as an executive asks before it moves

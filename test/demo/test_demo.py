@@ -24,7 +24,6 @@ from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, start_configuration
 
-
 VALID = Validity()
 
 
@@ -32,19 +31,23 @@ class Node:
     """A client whose run finds some solutions, a publisher and a node, which remember what they
     hear."""
 
-    def __init__(self, found=1, refusal=None, validity=VALID):
+    def __init__(self, found=1, refusal=None, validity=VALID, late=False):
         self.found, self.refusal, self.validity_of = found, refusal, validity
+        self.late = late
         self.told, self.shown, self.confirmed = [], [], []
 
     def place(self, parameters, deadline, until):
         if self.refusal is not None:
             raise self.refusal
         self.told.append(parameters)
+        if self.late and len(self.told) == 1:
+            raise PlacementError("NO_SOLUTION", "in 12 samples no placement was found", 17)
         for number in range(1, self.found + 1):
             solution = SimpleNamespace(
                 number=number, search_time=0.5, arm="left", objective=0.25, words="at 0 0 0"
             )
-            until(solution)
+            if until(solution):
+                break
         return solution
 
     def validity(self, solution):
@@ -65,6 +68,11 @@ def test_each_solution_is_told_and_the_best_is_last(capsys):
     assert [solution.number for solution in node.search()] == [1, 2, 3]
     assert capsys.readouterr().out.count("objective 0.2500") == 3
     assert node.confirmed == []
+
+
+def test_where_nothing_is_found_in_time_the_first_will_do():
+    node = Node(found=3, late=True)
+    assert [solution.number for solution in node.search()] == [1]
 
 
 @pytest.mark.parametrize(
@@ -185,7 +193,7 @@ def demo(tmp_path, *arguments, **environment):
 
 
 def test_the_demonstration_leaves_pictures_and_says_which(tmp_path):
-    process = demo(tmp_path, "--seconds", "8", "--seed", "1")
+    process = demo(tmp_path, "--seconds", "1", "--seed", "1")
     out, err = process.communicate(timeout=900.0)
     assert process.returncode == 0, out + err
     assert "solution   1" in out
