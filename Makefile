@@ -37,8 +37,9 @@ site: install
 figures: install
 	$(BIN)/placement_demo --seed 1 --output build/figures
 	cp build/figures/motion.gif build/figures/placement.png docs/images
-	$(BIN)/placement_demo --tour --seed 1 --output build/figures
-	cp build/figures/tour.png build/figures/tour.gif docs/images
+	$(BIN)/placement_demo --tour --seed 1 --output build/figures/tour
+	cp build/figures/tour/placement.png docs/images/tour.png
+	cp build/figures/tour/motion.gif docs/images/tour.gif
 	$(BIN)/python test/by_hand draw_view --output docs/images
 	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
 	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick

@@ -65,7 +65,7 @@ def write_objective_plot(path: Path, searches: Searches, objective: str) -> None
         axes.step(times, values, "o-", where="post", label=setting.name)
     axes.set(xlabel="seconds since the start", ylabel=objective, xlim=(0.0, None))
     axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
+    axes.legend()
     figure.savefig(path, dpi=120)
 
 
