@@ -25,8 +25,8 @@ _HEAD = """\
 Made from the node's own table by `python docs/parameters_page.py`; a test
 compares. The running node says the same: `ros2 param describe /placement_planner NAME`.
 
-Integers are accepted for doubles. A bad value is refused with its reason when it is set, an unknown
-name with the nearest known one; at start-up such names are told in the log. What is set takes
+Integers are accepted for doubles. A bad value is refused with its reason when it is set; of an
+unknown name `~/start_with`, and at start-up the log, tell the nearest known one. What is set takes
 effect at the next start; parameters given to `~/start_with` count for that run only. What is read
 at start-up may be set to the value it has. `--params-file` takes what `ros2 param dump` wrote.
 

@@ -10,7 +10,7 @@ from typing import Any, Concatenate, ParamSpec
 import pinocchio as pin
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, listed
+from placement_planner_ros.core.errors import ParameterError, listed
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.wishes import checks as wish_checks
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -92,12 +92,12 @@ class Commands:
     @_when_idle
     def start(self, changes: Sequence[Parameter] = ()) -> ServiceAnswer:
         """Check all inputs and begin a run, with some parameters changed for it alone."""
-        try:
-            parameters = self._parameters.with_changes(changes)
-        except PlacementPlannerError:
-            return refusal(self._parameters.faults(changes))
+        given = {p.name: p.value for p in changes}
+        parameters = self._parameters.current.changed_or_faults(given)
+        if isinstance(parameters, list):
+            return refusal(parameters)
         # one consistent moment of all inputs, or every fault
-        snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
+        snapshot = take_snapshot(self._inputs, parameters, given)
         if isinstance(snapshot, list):
             return refusal(snapshot)
         # q_0 against limits, itself and, where they are there already, the clouds

@@ -29,7 +29,7 @@ from placement_planner_ros.ros.inputs.cloud_subscriptions import LATE_S
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reception import Reception
-from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
+from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arm
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.node_words import in_node_words
@@ -193,7 +193,7 @@ class PlacementPlannerNode(ParameterNode):
         robot = self._inputs.robot.robot
         q = pin.neutral(robot.model)
         parameters = self._settings.current
-        arms = make_arms(robot, parameters)
+        arms = tuple(make_arm(robot, parameters, name) for name in parameters["arms"])
         for arm in arms:
             known = announced(robot, parameters, arm)
             self._log.event("; ".join(filter(None, (known.chain, known.torso, known.limits))))

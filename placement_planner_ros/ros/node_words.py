@@ -1,22 +1,17 @@
 """The planner's words for what it is given, and the node's.
 
-Core names settings and inputs in backticks, as who calls it from Python writes them; whatever the
-node says goes through `in_node_words`.
+Core names settings and inputs in backticks, as who calls it from Python writes them; whatever node
+and page say goes through `in_node_words`. Loads nothing that has to be compiled.
 """
 
 from __future__ import annotations
 
 import re
 
-from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import sayable
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.settings import Settings
 
-SETTINGS: dict[type[Settings], dict[str, str]] = {
-    PlannerSettings: {
+SETTINGS = {
+    "planner_settings": {
         "sampler": "sampler",
         "local_optimization": "local_optimization",
         "collision_margin": "collision.collision_margin",
@@ -48,11 +43,15 @@ SETTINGS: dict[type[Settings], dict[str, str]] = {
         "object.front_direction": "turns.front_direction",
         "object.front_tolerance": "turns.front_tolerance",
     },
-    GridSettings: {"cloud.cell_size": "cell_size"},
-    RegionSettings: {"max_slope": "max_slope"},
-    BodySettings: {"object.flatness": "flatness", "object.allow_rolling": "allow_rolling"},
+    "grid_settings": {"cloud.cell_size": "cell_size"},
+    "region_settings": {"max_slope": "max_slope"},
+    "body_settings": {
+        "object.flatness": "flatness",
+        "object.allow_rolling": "allow_rolling",
+    },
 }
-"""The parameters that are fields of settings, and where they stand there."""
+"""The parameters that are fields of settings, by the attribute of a `ParameterSet` that these
+settings are, and where they stand there."""
 NODE_WORDS = {
     "volume": "target_volume",
     "environment": "cloud_topics",

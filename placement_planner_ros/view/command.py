@@ -14,6 +14,7 @@ import rclpy
 import viser
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -23,7 +24,7 @@ from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import hand_out
 from placement_planner_ros.view.controls import Controls
 from placement_planner_ros.view.listening import Listener
-from placement_planner_ros.view.options import make_parser, own_and_ros
+from placement_planner_ros.view.options import make_parser
 from placement_planner_ros.view.page import Page
 from placement_planner_ros.view.world import World
 
@@ -37,16 +38,15 @@ HEARD = 0.1
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     asked = catch_signals()
-    # ROS' arguments follow --ros-args
-    own, of_ros = own_and_ros(arguments)
-    options = make_parser().parse_args(own)
+    given = ["placement_view", *(sys.argv[1:] if arguments is None else arguments)]
+    options = make_parser().parse_args(remove_ros_args(given)[1:])
     # the planner goes first
     os.nice(NICE)
     fault = _address_fault(options.host, options.port)
     if fault:
         print(f"placement_view: {fault}", file=sys.stderr)
         return 1
-    begin_ros(["placement_view", *of_ros])
+    begin_ros(given)
     node = Node("placement_view")
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)

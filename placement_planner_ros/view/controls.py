@@ -87,7 +87,7 @@ class Controls:
         try:
             said = act()
         except PlacementError as error:
-            said = words.refusal_words(error)
+            said = str(error)
         except (TypeError, ValueError) as error:
             said = f"not sent: {error}"
         self._answer.content = words.note_html(said)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -18,17 +19,20 @@ from visualization_msgs.msg import MarkerArray
 from placement_planner_ros.client.subscriptions import KEPT, Subscriptions
 from placement_planner_ros.client.waiting import LONGEST, News
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
+from placement_planner_ros.ros.inputs.point_cloud import points_from_message, some_of
 from placement_planner_ros.ros.paced import Paced
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import waiting
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.view.node_parameters import NodeParameters
-from placement_planner_ros.view.thinning import ThinCloud, thinned_cloud
 
 LARGE_PERIOD, BESIDE_A_SEARCH = 0.18, 1.0
 """Least seconds between two large messages of one topic that are read; and while the node searches,
 which needs the processor."""
+MOST_POINTS = 30_000
+"""Points of one cloud that are shown."""
 _URDF = "<link"
 _KINDS = {
     "sensor_msgs/msg/PointCloud2": "cloud",
@@ -50,10 +54,11 @@ class Listener:
         hearing: status and solutions.
         parameters: the node's.
         positions: newest value of each joint, rad or m.
-        clouds: the newest of each topic, thinned.
+        clouds: of each topic the newest one's frame and points (n, 3), `MOST_POINTS` at most; the
+            same array while it shows the same.
         markers, occupancy: the newest of each; None before.
         description: the newest URDF that came by topic; '' before.
-        object: the newest mesh that came by topic; None before.
+        object: the newest mesh that came by topic, as bytes; None before.
         faults: by topic, what was wrong with the newest message.
 
     Args:
@@ -70,11 +75,11 @@ class Listener:
         self.parameters = NodeParameters(node, self.planner, self._group)
         self.watched = True
         self.positions: dict[str, float] = {}
-        self.clouds: dict[str, ThinCloud] = {}
+        self.clouds: dict[str, tuple[str, Array]] = {}
         self.markers: MarkerArray | None = None
         self.occupancy: PointCloud2 | None = None
         self.description = ""
-        self.object: Mesh | None = None
+        self.object: bytes | None = None
         self.faults: dict[str, str] = {}
         self._present = False
         self._topics: dict[tuple[str, str], Any] = {}
@@ -127,7 +132,10 @@ class Listener:
             "object": (Mesh, partial(setattr, self, "object"), LATCHED),
         }
         message, take, qos = types[kind]
-        return self._node.create_subscription(message, topic, take, qos, callback_group=self._group)
+        # meshes as bytes, so that no message is made for each triangle
+        return self._node.create_subscription(
+            message, topic, take, qos, callback_group=self._group, raw=message is Mesh
+        )
 
     def _large_period(self) -> float:
         if not self.watched:
@@ -139,27 +147,26 @@ class Listener:
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
         try:
-            cloud = thinned_cloud(message)
+            points = some_of(points_from_message(message), MOST_POINTS)
         except PlacementPlannerError as error:
             self._fault(topic, str(error))
             return
-        self.clouds = {**self.clouds, topic: cloud}
+        _, before = self.clouds.get(topic, ("", None))
+        if before is not None and np.array_equal(before, points):
+            points = before
+        self.clouds = {**self.clouds, topic: (message.header.frame_id, points)}
         self._fault(topic, "")
 
     def _take_joint_states(self, topic: str, message: JointState) -> None:
         # drivers may send several between two looks
         for each in (message, *waiting(self._topics[topic, "joints"], KEPT)):
-            self._take_joints(topic, each)
-
-    def _take_joints(self, topic: str, message: JointState) -> None:
-        if len(message.name) != len(message.position):
-            words = f"{len(message.name)} names and {len(message.position)} positions"
-            self._fault(topic, words)
-            return
-        # joints that nobody measures are left as they were
-        values = zip(message.name, map(float, message.position), strict=True)
-        self.positions = self.positions | {n: v for n, v in values if math.isfinite(v)}
-        self._fault(topic, "")
+            names, position = each.name, each.position
+            fits = len(names) == len(position)
+            words = f"{len(names)} names and {len(position)} positions"
+            self._fault(topic, "" if fits else words)
+            # joints that nobody measures are left as they were
+            values = zip(names, map(float, position), strict=True) if fits else ()
+            self.positions = self.positions | {n: v for n, v in values if math.isfinite(v)}
 
     def _take_description(self, message: String) -> None:
         if _URDF in message.data:  # the node's other string is the SRDF

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 
 PORT = 8080
 _ABOUT = """Shows what a placement planner's node is doing, as a page in the browser.
@@ -39,14 +37,3 @@ def make_parser() -> argparse.ArgumentParser:
         help="name of the planning node; without it placement_planner",
     )
     return made
-
-
-def own_and_ros(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """What is for this program, and from `--ros-args` on what is for ROS.
-
-    Args:
-        arguments: of the command line, which None stands for.
-    """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    at = given.index("--ros-args") if "--ros-args" in given else len(given)
-    return given[:at], given[at:]

@@ -14,13 +14,13 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.playback import CARRIED, Playback
+from placement_planner_ros.ros.inputs.point_cloud import points_from_message, some_of
 from placement_planner_ros.view import charts, words
-from placement_planner_ros.view.drawn_markers import DrawnMarkers
+from placement_planner_ros.view.drawn_markers import drawn_points
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import FIELD_OF_VIEW, PageStage
-from placement_planner_ros.view.thinning import thinned_cloud
 from placement_planner_ros.view.world import Itself, World, pose_of
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
@@ -50,7 +50,7 @@ class Page:
         self.record = RunRecord()
         self.shown: Improvement | None = None
         self._playback: Playback | None = None
-        self._markers = DrawnMarkers()
+        self._markers = drawn_points(None)
         self._obstacles = np.zeros((0, 3))
         self._drawn: dict[str, object] = {}
         self._faults: dict[str, str] = {}
@@ -74,7 +74,7 @@ class Page:
         self._remember()
         if watched:
             self._hear()
-        self._world.update(self._markers.object)
+        self._world.update(self._markers["object"])
         self._draw_robot_anew()
         if not watched:
             return UNWATCHED
@@ -104,10 +104,10 @@ class Page:
         # messages are read once each: they are the same object until another comes
         if markers is not None and self._is_new("markers heard", Itself(markers)):
             with self._told("markers"):
-                self._markers = DrawnMarkers.of(markers)
+                self._markers = drawn_points(markers)
         if occupancy is not None and self._is_new("cells heard", Itself(occupancy)):
             with self._told("occupancy"):
-                self._obstacles = thinned_cloud(occupancy, MOST_CELLS).points
+                self._obstacles = some_of(points_from_message(occupancy), MOST_CELLS)
 
     @contextmanager
     def _told(self, name: str) -> Iterator[None]:
@@ -196,20 +196,14 @@ class Page:
         )
 
     def _draw_clouds(self) -> None:
-        for topic, cloud in self._listener.clouds.items():
-            count = self._listener.parameters.count
-            # a cloud stands elsewhere where a link that it hangs on has moved
-            key = (Itself(cloud), Itself(self._poses), count)
-            if self._drawn.get(f"heard {topic}") == key:
-                continue
-            points, why_not = self._world.in_planning_frame(cloud, self._poses)
-            self._faults[topic] = why_not
-            if points is None:
-                continue
-            self._drawn[f"heard {topic}"] = key
-            # Most clouds are what they were before; those of a moving sensor are not.
-            if self._is_new(f"cloud {topic}", hash(points.tobytes())):
-                self._stage.draw_cloud(topic, points)
+        for topic, (frame, points) in self._listener.clouds.items():
+            T = self._world.frame_pose(frame, self._poses)
+            self._faults[topic] = f"nobody knows where its frame {frame!r} is" if T is None else ""
+            # most clouds stand where they stood before; those of a moving sensor do not
+            if T is not None and self._is_new(
+                f"cloud {topic}", (Itself(points), T.homogeneous.tobytes())
+            ):
+                self._stage.draw_cloud(topic, points @ T.rotation.T + T.translation)
 
     def _draw_scene(self) -> None:
         shown, surface = self.shown, self._world.object
@@ -224,22 +218,22 @@ class Page:
         # It is large and hidden at first, so that it is sent to nobody who does not ask for it.
         if "occupancy" in self._panel.visible and self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
-        if self._is_new("standing", self._markers.standing.tobytes()):
-            self._stage.draw_standing(self._markers.standing)
-        leaning = self._markers.contacts, self._markers.wall
+        if self._is_new("standing", self._markers["standing"].tobytes()):
+            self._stage.draw_standing(self._markers["standing"])
+        leaning = self._markers["contacts"].reshape(-1, 2, 3), self._markers["wall"]
         if self._is_new("contacts", tuple(each.tobytes() for each in leaning)):
             self._stage.draw_contacts(*leaning)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
         # Each placement brings the regions along, mostly those that there were.
-        if self._is_new("regions", self._markers.regions.tobytes()):
-            self._stage.draw_regions(self._markers.regions)
+        if self._is_new("regions", self._markers["regions"].tobytes()):
+            self._stage.draw_regions(self._markers["regions"])
 
     @property
     def _volume(self) -> Array:
         """V's boxes (k, 2, 3): of the run, and before there is one by the parameter."""
-        if len(self._markers.volume):
-            return self._markers.volume
+        if len(self._markers["target_volume"]):
+            return self._markers["target_volume"]
         # six numbers a box; what is left over is no box
         numbers = np.array(self._world.parameter("target_volume", []), dtype=np.float64)
         return numbers[: len(numbers) // 6 * 6].reshape(-1, 2, 3)

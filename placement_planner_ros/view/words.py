@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from html import escape
 
-from placement_planner_ros.client import PlacementError, Solution
+from placement_planner_ros.client import Solution
+from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.view.record import RunRecord
 
 CONSTRAINTS = {
@@ -22,17 +22,6 @@ CONSTRAINTS = {
     "no_retreat": "no way back out",
 }
 """What rejects a sample, by its name in `~/status`."""
-_REFUSALS = {
-    "ALREADY_RUNNING": "A run is going on; stop it first.",
-    "STOPPING": "The last run has not ended yet; try again.",
-    "NOT_READY": "The node lacks something.",
-    "WRONG_RUN": "The node knows no such run; it has been started again, or another run has begun.",
-    "NO_NODE": "The node is not there.",
-    "NO_ANSWER": "The node has not answered; it may have done what was asked.",
-}
-"""What a code means for whoever pressed a button; the others' words say it by themselves."""
-_FAULT = re.compile(r"([A-Z][A-Z_]+): (.*)")
-"""A line of the node's about one fault."""
 _STATES = {
     "idle": "waiting for start",
     "preparing": "preparing",
@@ -117,20 +106,9 @@ def _term_words(terms: Mapping[str, float]) -> str:
     return "terms: " + ", ".join(f"{escape(name)} {value:.3g}" for name, value in terms.items())
 
 
-def refusal_words(error: PlacementError) -> str:
-    """What the node refused, a line for each fault, its code last."""
-    said = []
-    for line in error.words.splitlines() or [""]:
-        # a line that names its fault keeps that code; others have the answer's
-        named = _FAULT.fullmatch(line)
-        code, fault = named.groups() if named else (error.code, line)
-        said.append(" ".join(filter(None, [_REFUSALS.get(code, ""), fault, f"({code})"])))
-    return "\n".join(said)
-
-
 def note_html(text: str) -> str:
-    """HTML: a remark in small grey letters, in lines as it is."""
-    inside = escape(text).replace("\n", "<br>")
+    """HTML: a remark in small grey letters, in lines as it is, by the names of the node."""
+    inside = escape(in_node_words(text)).replace("\n", "<br>")
     return f'<div style="{_BOX};color:#666;font-size:11px">{inside}</div>' if text else ""
 
 

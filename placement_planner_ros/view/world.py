@@ -13,11 +13,11 @@ from geometry_msgs.msg import Pose
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.mesh_message import mesh_from_lists, mesh_from_message
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.robot import ShownRobot
-from placement_planner_ros.view.thinning import ThinCloud, moved_points
 
 Surface = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (n, 3) and triangles (t, 3)."""
@@ -136,18 +136,14 @@ class World:
                 self.object = drawn, faces
             # by topic before parameters, as the latest given wins in the node
             elif message is not None:
-                corners = np.array([(p.x, p.y, p.z) for p in message.vertices])
-                faces = np.array([t.vertex_indices for t in message.triangles], np.int64)
-                self.object = _checked_surface(corners * scale, faces)
+                self.object = _scaled(*mesh_from_message(message), scale)
             elif vertices and triangles:
-                corners, faces = np.array(vertices, np.float64), np.array(triangles, np.int64)
-                self.object = _checked_surface(corners * scale, faces)
+                self.object = _scaled(*mesh_from_lists(vertices, triangles), scale)
             elif mesh:
-                corners, faces = read_mesh(self._files.find(mesh, trusted=True))
-                self.object = corners * scale, faces
+                self.object = _scaled(*read_mesh(self._files.find(mesh, trusted=True)), scale)
             else:
                 self.object = None
-        except UNREADABLE as error:
+        except (PlacementPlannerError, *UNREADABLE) as error:
             self.object = None
             self.faults["object"] = str(error)
 
@@ -187,22 +183,16 @@ class World:
         values = self.parameter(f"{arm}.gripper_open", [])
         return dict(zip(names, map(float, values), strict=False))
 
-    def in_planning_frame(
-        self, cloud: ThinCloud, poses: Mapping[str, pin.SE3]
-    ) -> tuple[Array | None, str]:
-        """A cloud's points (n, 3), or None and why not, in words."""
+    def frame_pose(self, frame: str, poses: Mapping[str, pin.SE3]) -> pin.SE3 | None:
+        """T_planning_frame of a cloud's frame; None where nobody knows it."""
         # declared poses first, then links, then tf2
-        pose = self.parameter(f"sensor_poses.{cloud.frame}", [])
+        pose = self.parameter(f"sensor_poses.{frame}", [])
         if len(pose) == 7:
-            return moved_points(cloud.points, pose_of_numbers(pose)), ""
-        if cloud.frame == self.frame:
-            return cloud.points, ""
-        T = poses.get(cloud.frame)
-        if T is None and cloud.frame and self.frame:
-            T = self._transform(self.frame, cloud.frame)
-        if T is None:
-            return None, f"nobody knows where its frame {cloud.frame!r} is"
-        return moved_points(cloud.points, T), ""
+            return pose_of_numbers(pose)
+        if frame == self.frame:
+            return pin.SE3.Identity()
+        T = poses.get(frame)
+        return self._transform(self.frame, frame) if T is None and frame and self.frame else T
 
 
 def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
@@ -229,15 +219,12 @@ def pose_of(message: Pose) -> pin.SE3:
     return pose_of_numbers([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
 
 
-def _checked_surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> Surface:
-    """A surface of coordinates and indices in any shape.
+def _scaled(vertices: Array, triangles: npt.NDArray[np.int64], scale: float) -> Surface:
+    """Vertices in metres.
 
     Raises:
-        ValueError: they are none.
+        ValueError: one is not finite: browsers would draw nothing at all.
     """
-    vertices, triangles = vertices.reshape(-1, 3), triangles.reshape(-1, 3)
-    if len(triangles) == 0 or not np.isfinite(vertices).all():
-        raise ValueError("it has no triangles, or vertices that are not finite")
-    if triangles.max() >= len(vertices) or triangles.min() < 0:
-        raise ValueError(f"a triangle has a vertex that is none of the {len(vertices)}")
-    return vertices, triangles
+    if not np.isfinite(vertices).all():
+        raise ValueError("it has vertices that are not finite")
+    return vertices * scale, triangles

@@ -1,10 +1,12 @@
-"""A mesh as it comes over a topic, taken from its bytes.
+"""A mesh as it comes over a topic, taken from its bytes, or by parameters.
 
 rclpy makes an object of Python for each vertex and triangle: 2 s of processor time for 200,000
 triangles, in the thread that hands out all callbacks.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -34,12 +36,31 @@ def mesh_from_message(data: bytes) -> tuple[Array, Triangles]:
     except ValueError as error:  # numpy's, of what lies beyond the end
         remedy = "end before the mesh does; publish a shape_msgs/Mesh"
         raise ObjectError("~/object", f"{len(data)} bytes", remedy) from error
-    count = len(vertices)
     if len(triangles) == 0:
-        raise ObjectError("~/object", f"{count} vertices", "has no triangle")
-    if triangles.max() >= count:
-        raise ObjectError("~/object", int(triangles.max()), f"there are only {count} vertices")
+        raise ObjectError("~/object", f"{len(vertices)} vertices", "has no triangle")
+    _require_indices("~/object", vertices, triangles)
     return vertices, triangles
+
+
+def mesh_from_lists(vertices: Sequence[float], triangles: Sequence[int]) -> tuple[Array, Triangles]:
+    """The same of the parameters object.vertices and object.triangles.
+
+    Raises:
+        ObjectError: as above.
+    """
+    for name, values in (("object.vertices", vertices), ("object.triangles", triangles)):
+        if not values or len(values) % 3 != 0:
+            raise ObjectError(name, f"{len(values)} numbers", "give three for each, at least one")
+    require_few(len(vertices) // 3, len(triangles) // 3)
+    points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    _require_indices("object.triangles", points, faces)
+    return points, faces
+
+
+def _require_indices(field: str, vertices: Array, triangles: Triangles) -> None:
+    if triangles.max() >= len(vertices):
+        raise ObjectError(field, int(triangles.max()), f"there are only {len(vertices)} vertices")
 
 
 def _plain(data: bytes, order: str) -> tuple[Array, Triangles]:

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.mesh_message import Triangles, mesh_from_lists
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in, read_kept
 from placement_planner_ros.ros.inputs.reading import Read, Reading, State
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
-Triangles = npt.NDArray[np.int64]
 Source = Literal["none", "topic", "mesh", "vertices"]
 _SOURCE_OF: dict[str, Source] = {
     "object.mesh": "mesh",
@@ -40,30 +36,10 @@ class NoObjectError(PlacementPlannerError):
     code = "NO_OBJECT"
 
 
-@dataclass(frozen=True, slots=True)
-class _Given:
-    """Something that an object is made of.
-
-    Attributes:
-        key: equal where it is the same.
-        arrays: reads its vertices (n, 3) and triangles (t, 3).
-    """
-
-    key: Hashable
-    arrays: Callable[[MeshProcess], tuple[Array, Triangles]]
-
-    @classmethod
-    def of_mesh(cls, vertices: Array, triangles: Triangles) -> _Given:
-        """A mesh as it is."""
-        return cls(digest_of(vertices, triangles), lambda _: (vertices, triangles))
-
-    @classmethod
-    def of_file(cls, path: Path) -> _Given:
-        """A mesh file in the state it was in when it was named."""
-        found = path.stat()
-        # a file that was written anew is another object
-        key = path, found.st_ino, found.st_size, found.st_mtime_ns
-        return cls(key, lambda process: read_kept(process, path))
+ReadMesh = Callable[[MeshProcess], tuple[Array, Triangles]]
+"""Reads vertices (n, 3) and triangles (t, 3)."""
+_Given = tuple[Hashable, ReadMesh]
+"""Something that an object is made of, after what tells it from others."""
 
 
 class ObjectInput:
@@ -122,14 +98,15 @@ class ObjectInput:
         """Return once the body is there, or cannot be."""
         self.reading.wait(self._key, patience)
 
-    def set_mesh(self, vertices: Array, triangles: Triangles) -> None:
-        """The topic's newest mesh, (n, 3) and (t, 3); from now on it is the object."""
-        self._take(_Given.of_mesh(vertices, triangles))
-
-    def refuse_mesh(self, error: PlacementPlannerError) -> None:
-        """The topic's newest mesh is not one; until another comes there is no object."""
-        forget_where(error)
-        self._take(error)
+    def take(self, topic: tuple[Array, Triangles] | PlacementPlannerError) -> None:
+        """The topic's newest mesh, (n, 3) and (t, 3), is the object from now on; where it is none
+        there is no object until another comes."""
+        if isinstance(topic, PlacementPlannerError):
+            forget_where(topic)
+        with self._lock:
+            self._source = "topic"
+            self._topic = topic if isinstance(topic, PlacementPlannerError) else _as_it_is(topic)
+        self._begin(self._parameters)
 
     def parameters_changed(self, names: Iterable[str], parameters: ParameterSet) -> None:
         """Parameters were set; where they describe an object, it is the object from now on."""
@@ -171,12 +148,6 @@ class ObjectInput:
         self.reading.want(key, read)
         return self.reading.get(key)
 
-    def _take(self, topic: _Given | PlacementPlannerError) -> None:
-        with self._lock:
-            self._topic = topic
-            self._source = "topic"
-        self._begin(self._parameters)
-
     def _begin(self, parameters: ParameterSet) -> None:
         """Make the body that these parameters mean, and no longer the one before."""
         # whatever was the object before is none from here on
@@ -214,6 +185,7 @@ class ObjectInput:
             )
         if isinstance(given, PlacementPlannerError):
             raise given.with_traceback(None)  # which would grow each time
+        given_key, read_mesh = given
         # parts of the key, as the body depends on them too
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
@@ -222,7 +194,7 @@ class ObjectInput:
             try:
                 with MeshProcess() as process:
                     # arrays of the file or message, then the cover, each in the other process
-                    vertices, triangles = given.arrays(process)
+                    vertices, triangles = read_mesh(process)
                     middle, cover = np.array(center) if center else None, partial(cover_in, process)
                     body = Body.from_mesh(vertices, triangles, middle, scale, settings, cover)
             except (ValueError, OSError) as error:
@@ -232,16 +204,19 @@ class ObjectInput:
             object_solids(body)
             return body
 
-        return (given.key, tuple(center), scale, settings), make
+        return (given_key, tuple(center), scale, settings), make
 
     def _open(self, uri: str) -> _Given:
         """A mesh file by its name, its header found in order."""
         try:
             path = self._files.find(uri, trusted=uri == self._operators)
             check_header(path)
-            return _Given.of_file(path)
+            found = path.stat()
         except (OSError, ValueError) as error:
             raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
+        # a file that was written anew is another object
+        key = path, found.st_ino, found.st_size, found.st_mtime_ns
+        return key, lambda process: read_kept(process, path)
 
     def _listed_mesh(self, parameters: ParameterSet) -> _Given:
         """The mesh that object.vertices and object.triangles list."""
@@ -250,22 +225,14 @@ class ObjectInput:
         listed = self._listed
         if listed is not None and listed[0] is vertices and listed[1] is triangles:
             return listed[2]
-        for name, values in (("object.vertices", vertices), ("object.triangles", triangles)):
-            if not values or len(values) % 3 != 0:
-                raise ObjectError(
-                    name, f"{len(values)} numbers", "give three for each, at least one"
-                )
-        require_few(len(vertices) // 3, len(triangles) // 3)
-        faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-        if np.max(faces) >= len(vertices) // 3:
-            raise ObjectError(
-                "object.triangles",
-                int(np.max(faces)),
-                f"there are only {len(vertices) // 3} vertices",
-            )
-        mesh = _Given.of_mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
+        mesh = _as_it_is(mesh_from_lists(vertices, triangles))
         self._listed = vertices, triangles, mesh
         return mesh
+
+
+def _as_it_is(mesh: tuple[Array, Triangles]) -> _Given:
+    """A mesh that is there already."""
+    return digest_of(*mesh), lambda _: mesh
 
 
 def _source_of(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:

@@ -22,9 +22,9 @@ SOME_POINTS = 3000
 """Of a surface, that tell as much of it as all of them do."""
 
 
-def some_of(points: Array) -> Array:
-    """At most `SOME_POINTS` of the points (n, 3), from all over them."""
-    return points[:: -(-len(points) // SOME_POINTS) or 1]
+def some_of(points: Array, most: int = SOME_POINTS) -> Array:
+    """At most so many of the points (n, 3), from all over them."""
+    return points[:: -(-len(points) // most) or 1]
 
 
 def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -70,11 +71,12 @@ class Reception:
         )
         # descriptions and objects are taken in one at a time
         robot, group = inputs.robot, MutuallyExclusiveCallbackGroup()
-        subscribe = partial(node.create_subscription, callback_group=group)
+        subscribe: Any = partial(node.create_subscription, callback_group=group)
         if robot.follows_topic:
-            subscribe(String, "robot_description", self._take_description, LATCHED)
+            subscribe(String, "robot_description", lambda m: robot.set_description(m.data), LATCHED)
         if robot.follows_semantic_topic:
-            subscribe(String, "robot_description_semantic", self._take_semantic, LATCHED)
+            topic = "robot_description_semantic"
+            subscribe(String, topic, lambda m: robot.set_semantic(m.data), LATCHED)
         # as bytes, so that no message is made for each triangle
         subscribe(Mesh, "~/object", self._take_object, LATCHED, raw=True)
         subscribe(
@@ -105,19 +107,11 @@ class Reception:
                 self._log.repeats("joint state refused", str(error))
         self._on_joints()  # as some of its joints may have been taken
 
-    def _take_description(self, message: String) -> None:
-        self._inputs.robot.set_description(message.data)
-
-    def _take_semantic(self, message: String) -> None:
-        self._inputs.robot.set_semantic(message.data)
-
     def _take_object(self, message: bytes) -> None:
         try:
-            mesh = mesh_from_message(message)
+            self._inputs.object.take(mesh_from_message(message))
         except PlacementPlannerError as error:
-            self._inputs.object.refuse_mesh(error)
-        else:
-            self._inputs.object.set_mesh(*mesh)
+            self._inputs.object.take(error)
 
     def _check(self, names: Sequence[str], parameters: ParameterSet) -> None:
         """Refuse what the robot does not have, and what shows that it is no object."""

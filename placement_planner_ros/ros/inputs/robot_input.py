@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable, Iterable, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 from placement_planner_ros.core.body.convex_cover import Cover
@@ -13,7 +13,7 @@ from placement_planner_ros.core.errors import (
     RobotError,
     listed,
 )
-from placement_planner_ros.core.meshes.read import Triangles, check_header, read_mesh
+from placement_planner_ros.core.meshes.read import Triangles, check_header
 from placement_planner_ros.core.robot.announcement import Announcement, announce_arm
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -83,27 +83,24 @@ class RobotInput:
             self._srdf, _ = description_text("robot_description_semantic", semantic, files)
         self._key = self._begin()
 
-    def set_description(self, urdf: str) -> bool:
-        """Take a URDF from the topic; False where it is the one in use, or being read."""
+    def set_description(self, urdf: str) -> None:
+        """Take a URDF from the topic, unless it is the one in use, or being read."""
         with self._lock:
             self._arrived = True
             if urdf == self._urdf and self.state != "bad":
-                return False
+                return
             # the SRDF of the robot before says nothing of this one
             if urdf != self._urdf and self.follows_semantic_topic:
                 self._srdf = None
             self._urdf, self._beside = urdf, None
             self._reread()
-        return True
 
-    def set_semantic(self, srdf: str) -> bool:
-        """Take an SRDF from the topic; False where it is the one in use, or being read."""
+    def set_semantic(self, srdf: str) -> None:
+        """Take an SRDF from the topic, unless it is the one in use, or being read."""
         with self._lock:
-            if srdf == self._srdf and self.state != "bad":
-                return False
-            self._srdf = srdf
-            self._reread()
-        return True
+            if srdf != self._srdf or self.state == "bad":
+                self._srdf = srdf
+                self._reread()
 
     @property
     def robot(self) -> Robot:
@@ -146,7 +143,22 @@ class RobotInput:
 
         def read() -> Robot:
             with MeshProcess() as process:
-                made = self._read(urdf, srdf, _MeshCovers(self._files, process, trusted, beside))
+                # meshes are read and covered in another process, where no other has yet
+                def mesh_of(uri: str) -> tuple[Array, Triangles]:
+                    path = self._files.find(uri, trusted=trusted, beside=beside)
+                    check_header(path)
+                    return read_kept(process, path)
+
+                try:
+                    made = Robot.from_urdf(
+                        urdf, mesh_of, srdf, self._limits, partial(covers_in, process)
+                    )
+                    if self._frame not in ("", made.root_link):
+                        made = made.seen_from(self._frame)
+                except RobotError as error:
+                    of_file = f" of {beside}" if beside and "`urdf`" in error.field else ""
+                    field = f"{error.field}{of_file}"
+                    raise DescriptionError(field, error.value, error.remedy) from error
             # by these joint states are kept until another robot is read
             self.continuous_joints = made.continuous
             self.joint_names = frozenset(made.joint_names)
@@ -156,66 +168,15 @@ class RobotInput:
         self.reading.want(key, read, lasting=True)
         return key
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _MeshCovers) -> Robot:
-        try:
-            robot = Robot.from_urdf(urdf, meshes.read, srdf, self._limits, meshes.covers)
-            frame = self._frame
-            return robot if not frame or frame == robot.root_link else robot.seen_from(frame)
-        except RobotError as error:
-            of_file = f" of {meshes.beside}" if meshes.beside and "`urdf`" in error.field else ""
-            field = f"{error.field}{of_file}"
-            raise DescriptionError(field, error.value, error.remedy) from error
 
-
-class _MeshCovers:
-    """The meshes of one description, read and covered in another process, where no other has yet.
-
-    Args:
-        trusted: whether the operator gave the description.
-        beside: the file that it is in.
-    """
-
-    def __init__(
-        self,
-        files: Files,
-        process: MeshProcess,
-        trusted: bool,
-        beside: Path | None,
-    ) -> None:
-        self._files = files
-        self._process = process
-        self._trusted = trusted
-        self.beside = beside
-
-    def read(self, uri: str) -> tuple[Array, Triangles]:
-        """Vertices and triangles of the mesh that a URI names."""
-        path = self._files.find(uri, trusted=self._trusted, beside=self.beside)
-        check_header(path)
-        if path.resolve().is_relative_to(share_path("urdf").resolve()):
-            return read_mesh(path)  # the bundled robot's, known to be good
-        return read_kept(self._process, path)
-
-    def covers(self, meshes: Sequence[LinkMesh]) -> list[Cover]:
-        """The cover of each mesh; its hull where that takes too long, or too much memory."""
-        return [
-            cover_in(self._process, mesh.vertices, mesh.triangles, mesh.tolerance)
-            for mesh in meshes
-        ]
+def covers_in(process: MeshProcess, meshes: Sequence[LinkMesh]) -> list[Cover]:
+    """The cover of each mesh; its hull where that takes too long, or too much memory."""
+    return [cover_in(process, each.vertices, each.triangles, each.tolerance) for each in meshes]
 
 
 def _read_words(robot: Robot) -> str:
     words = f"robot {robot.name!r} read, planning frame {robot.root_link!r}"
     return listed([words, *robot.warnings], "; ")
-
-
-def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
-    """The candidate arms that the parameters describe.
-
-    Raises:
-        RobotError: an arm does not fit the robot.
-        GraspError: a grasp is bad.
-    """
-    return tuple(make_arm(robot, parameters, name) for name in parameters["arms"])
 
 
 def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:

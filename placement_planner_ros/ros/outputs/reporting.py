@@ -131,8 +131,12 @@ class Reporter:
             self.report()
         return left
 
-    def report(self) -> None:
-        """Publish the status as it is now."""
+    def report(self, only_news: bool = False) -> None:
+        """Publish the status as it is now.
+
+        Args:
+            only_news: where nothing but counters is another, these at times and else nothing.
+        """
         with self._saying:  # what was true last is said last
             run = self._run
             # The state first: what ended a run is then seen in all that is read after it.
@@ -141,6 +145,12 @@ class Reporter:
             # what keeps the best from being carried out, and what the inputs are doing
             why_not = self._why_invalid(run, best)
             warm, read = self._warm.shown, self._read()
+            news, now = (state, solutions, why_not, warm, read), time.monotonic()
+            due = state is State.SEARCHING and now - self._reported_at >= STATUS_PERIOD_S
+            # a worker may report while the node is already being taken down
+            if self._closed or (only_news and news == self._reported and not due):
+                return
+            self._reported, self._reported_at = news, now
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
             message = self._waiting(warm, read["inputs"])
             if run is not None:
@@ -156,11 +166,6 @@ class Reporter:
             told = {"clouds_disagree": self._disagreements, "warm": warm}
             told["warm_failed_reason"] = self._warm.failure if warm == "failed" else ""
             values |= {name: words for name, words in told.items() if words} | read
-            # a worker may report while the node is already being taken down
-            if self._closed:
-                return
-            self._reported = (state, solutions, why_not, warm, read)
-            self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
     def close(self) -> None:
@@ -213,21 +218,14 @@ class Reporter:
 
     def _refresh(self) -> None:
         run = self._run
-        state, (solutions, best) = (
-            (State.IDLE, (0, None)) if run is None else (run.state, run.found)
-        )
         # put off until now, so that the search did not wait for it
         self._outputs.draw()
         if run is not None:
             self.left_start(run)
+            best = run.best
             if best is not None and run.environment is not None and not run.confirmed:
                 self._watch.look(run.snapshot, run.environment, best)
-        # counters at times, everything else as soon as it is another
-        due = time.monotonic() - self._reported_at >= STATUS_PERIOD_S
-        why_not = self._why_invalid(run, best)
-        now = (state, solutions, why_not, self._warm.shown, self._read())
-        if (due and state is State.SEARCHING) or self._reported != now:
-            self.report()
+        self.report(only_news=True)
 
     def _diagnose(self) -> None:
         now, joints = time.monotonic(), self._inputs.joints

@@ -12,15 +12,10 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import (
-    NAMED_THINGS,
-    ParameterError,
-    PlacementPlannerError,
-)
+from placement_planner_ros.core.errors import NAMED_THINGS, PlacementPlannerError
 from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
@@ -74,14 +69,6 @@ def all_specs(take: Take) -> dict[str, Spec]:
         declare(arm_specs(arm, yumi=not values["robot_description"]))
     declare([sensor_pose_spec(frame) for frame in values["sensor_frames"]])
     return specs
-
-
-class UnknownParameterError(ParameterNotDeclaredException):
-    """There is no such parameter; rclpy answers its client with these words."""
-
-    def __init__(self, name: str, value: object, remedy: str) -> None:
-        error = ParameterError(name, value, remedy)
-        ParameterException.__init__(self, f"{error.field} = {error.value!r}", error.remedy)
 
 
 class ParameterNode(Node):
@@ -155,18 +142,6 @@ class ParameterServer:
         """Call this before parameters are set; a PlacementPlannerError it raises refuses them."""
         self._check = check
 
-    def with_changes(self, parameters: Sequence[Parameter]) -> ParameterSet:
-        """Current values with some replaced, stored nowhere.
-
-        Raises:
-            PlacementPlannerError: a name or a value is bad.
-        """
-        return self.current.changed({p.name: p.value for p in parameters})
-
-    def faults(self, parameters: Sequence[Parameter]) -> list[PlacementPlannerError]:
-        """Everything for which `with_changes` would refuse these."""
-        return self.current.faults({p.name: p.value for p in parameters})
-
     def without_effect(self) -> Mapping[str, str]:
         """Names given at start-up that the node does not have, and what to do instead."""
         mine = [name for name in self._given if not name.startswith(NOT_OURS)]
@@ -175,9 +150,6 @@ class ParameterServer:
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give values the type of their parameter; bad ones are left for `_validate` to refuse."""
-        strange = [p for p in parameters if not self._node.has_parameter(p.name)]
-        for name, remedy in self.current.unknown(p.name for p in strange[:1]).items():
-            raise UnknownParameterError(name, strange[0].value, remedy)
         return [self._converted(parameter) for parameter in parameters]
 
     def _converted(self, parameter: Parameter) -> Parameter:
@@ -190,16 +162,16 @@ class ParameterServer:
         except PlacementPlannerError:
             return parameter
 
-    def _mine(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        return [p for p in parameters if p.name in self.current.specs]
+    def _mine(self, parameters: Sequence[Parameter]) -> dict[str, Any]:
+        return {p.name: p.value for p in parameters if p.name in self.current.specs}
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = self._mine(parameters)
         try:
-            changed = self.with_changes(mine)
+            changed = self.current.changed(mine)
             # what only the robot and the object can tell
             if self._check is not None:
-                self._check([p.name for p in mine], changed)
+                self._check([*mine], changed)
         except PlacementPlannerError as error:
             return SetParametersResult(successful=False, reason=in_node_words(str(error)))
         return SetParametersResult(successful=True)
@@ -207,9 +179,9 @@ class ParameterServer:
     def _store(self, parameters: list[Parameter]) -> None:
         mine = self._mine(parameters)
         # replaced as a whole, so that each thread reads a consistent set
-        self.current = self.with_changes(mine)
+        self.current = self.current.changed(mine)
         if mine and self._on_change is not None:
-            self._on_change([p.name for p in mine], self.current)
+            self._on_change([*mine], self.current)
 
 
 def _descriptor(spec: Spec) -> ParameterDescriptor:

@@ -106,10 +106,17 @@ class Spec:
 
 
 def own_spec(
-    name: str, kind: Kind, default: Value, text: str, check: Check | None = None, **meaning: Any
+    name: str,
+    kind: Kind,
+    default: Value,
+    text: str,
+    check: Check | None = None,
+    *,
+    startup: bool = False,
+    **meaning: Any,
 ) -> Spec:
     """A parameter of ROS' own; see `Spec`, and `Meaning` for the rest."""
-    return Spec(name, kind, default, Meaning(text, **meaning), check=check)
+    return Spec(name, kind, default, Meaning(text, **meaning), startup, check)
 
 
 def _number_or_list(text: str) -> float | list[float] | str:

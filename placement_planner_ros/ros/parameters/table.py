@@ -7,16 +7,27 @@ the setting's field. Knows nothing of rclpy: `server.py` declares all this.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
+from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.wishes import checks as wish_checks
 from placement_planner_ros.ros.node_words import SETTINGS
 from placement_planner_ros.ros.parameters import checks
-from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, own_spec
+from placement_planner_ros.ros.parameters.spec import Check, Spec, Value, own_spec
 from placement_planner_ros.scenes.scenes import CABINET_VOLUME
 from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
 
+KINDS: dict[str, type[Settings]] = {
+    "planner_settings": PlannerSettings,
+    "grid_settings": GridSettings,
+    "region_settings": RegionSettings,
+    "body_settings": BodySettings,
+}
+"""The settings that parameters make, by the attribute of a `ParameterSet`."""
 _CHECKS: dict[str, Check] = {
     "keep_out": wish_checks.check_boxes,
     "near_pose": wish_checks.check_pose_value,
@@ -28,40 +39,36 @@ _CHECKS: dict[str, Check] = {
 """What else the values of settings must fulfil."""
 
 
-def _startup(name: str, kind: Kind, default: Value, text: str, check: Check | None = None) -> Spec:
-    """A parameter that is read at start-up only."""
-    return replace(own_spec(name, kind, default, text, check), startup=True)
-
-
 # fmt: off
 _OWN = (
-    _startup("robot_description", "string", "",
+    own_spec("robot_description", "string", "",
              "URDF text, a path or a package:// URI; empty: the topic robot_description, and the "
-             "bundled YuMi until one arrives there."),
-    _startup("robot_description_semantic", "string", "",
+             "bundled YuMi until one arrives there.", startup=True),
+    own_spec("robot_description_semantic", "string", "",
              "SRDF text, a path or a package:// URI: link pairs that self-collision checks leave "
-             "out. Optional."),
-    _startup("robot_description_planning", "string", "",
+             "out. Optional.", startup=True),
+    own_spec("robot_description_planning", "string", "",
              "Path or package:// URI of MoveIt's joint_limits.yaml: acceleration limits, and "
-             "ranges and velocity limits where they are narrower than the URDF's. Optional."),
-    _startup("planning_frame", "string", "",
+             "ranges and velocity limits where they are narrower than the URDF's. Optional.",
+             startup=True),
+    own_spec("planning_frame", "string", "",
              "Frame of target_volume and of all results, z up: a link fixed to the root; empty: "
-             "the robot's root link."),
-    _startup("package_paths", "string[]", [],
+             "the robot's root link.", startup=True),
+    own_spec("package_paths", "string[]", [],
              "Folders in which package:// names are looked up, besides the ament index and the "
-             "folders above the URDF file."),
-    _startup("file_roots", "string[]", [],
+             "folders above the URDF file.", startup=True),
+    own_spec("file_roots", "string[]", [],
              "Folders from which files may be read that are named later, or in a description that "
-             "came by topic, besides package_paths and the ament index."),
-    _startup("cloud_topics", "string[]", [],
-             "Topics with clouds of the environment, besides points."),
-    _startup("sensor_frames", "string[]", [],
+             "came by topic, besides package_paths and the ament index.", startup=True),
+    own_spec("cloud_topics", "string[]", [],
+             "Topics with clouds of the environment, besides points.", startup=True),
+    own_spec("sensor_frames", "string[]", [],
              "Frames that are a sensor's eye, besides optical frames of organised clouds: lines of "
              "sight begin at their origin. Their poses may be given as sensor_poses.<frame>.",
-             checks.distinct_names),
-    _startup("frame_prefix", "string", "",
+             checks.distinct_names, startup=True),
+    own_spec("frame_prefix", "string", "",
              "What robot_state_publisher puts before the names of links, as its own frame_prefix: "
-             "stripped from frames of clouds, known objects and tf."),
+             "stripped from frames of clouds, known objects and tf.", startup=True),
 
     own_spec("target_volume", "double[]", [*map(float, CABINET_VOLUME.boxes.ravel())],
              "Minimum and maximum corner of the target volume V in planning_frame; or those of "
@@ -175,8 +182,8 @@ def fixed_specs() -> list[Spec]:
     """Every parameter whose name does not depend on another's value."""
     settings = [
         Spec.of(name, kind(), path, _CHECKS.get(name))
-        for kind, paths in SETTINGS.items()
-        for name, path in paths.items()
+        for group, kind in KINDS.items()
+        for name, path in SETTINGS[group].items()
     ]
     return [*_OWN, *settings]
 

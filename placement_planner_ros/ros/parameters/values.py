@@ -25,6 +25,7 @@ from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.node_words import SETTINGS
 from placement_planner_ros.ros.parameters.checks import named_numbers, poses_from_list
 from placement_planner_ros.ros.parameters.spec import Spec
+from placement_planner_ros.ros.parameters.table import KINDS
 
 CLOCK = "use_sim_time"
 """The parameter that every node has."""
@@ -79,27 +80,37 @@ class ParameterSet:
         """A copy with some values replaced.
 
         Raises:
-            PlacementPlannerError: an unknown name, a start-up parameter, or a bad value.
+            PlacementPlannerError: the first of what is wrong.
         """
-        # the first one is raised; `faults` has them all
-        for fault in self._alone(changes):
-            raise fault
-        if not changes:
-            return self
-        # What is here has been checked: that a start is quick, only the changes are.
-        other = copy.copy(self)
-        other._take({name: self.convert(name, value) for name, value in changes.items()})
-        return other
+        made = self.changed_or_faults(changes)
+        if isinstance(made, list):
+            raise made[0]
+        return made
 
-    def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
-        """Everything for which `changed` would refuse these changes."""
-        faults = self._alone(changes)
-        if not faults:
+    def changed_or_faults(
+        self, changes: Mapping[str, object]
+    ) -> ParameterSet | list[PlacementPlannerError]:
+        """A copy with some values replaced; or everything for which there is none: unknown names,
+        start-up parameters, bad values, or else values that do not go together."""
+        unknown, values = self.unknown(changes), dict[str, Any]()
+        faults: list[PlacementPlannerError] = []
+        # What is here has been checked: that a start is quick, only the changes are.
+        for name, value in changes.items():
             try:
-                self.changed(changes)
+                if name in unknown:
+                    shown = value.tolist() if isinstance(value, array) else value
+                    raise ParameterError(name, shown, unknown[name])
+                values[name] = self.convert(name, value)
             except PlacementPlannerError as error:
                 faults.append(error)
-        return faults
+        if faults or not changes:
+            return faults or self
+        other = copy.copy(self)
+        try:
+            other._take(values)
+        except PlacementPlannerError as error:
+            return [error]
+        return other
 
     def unknown(self, names: Iterable[str]) -> dict[str, str]:
         """Those names that no parameter has, and what to do instead."""
@@ -120,20 +131,6 @@ class ParameterSet:
         if meant is not None and f"{meant.partition('.')[0]}.tip_frame" in self.specs:
             words += f". If {group!r} is an arm, name it in arms at start-up"
         return words
-
-    def _alone(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
-        """What is wrong with each change by itself."""
-        unknown = self.unknown(changes)
-        faults: list[PlacementPlannerError] = []
-        for name, value in changes.items():
-            try:
-                if name in unknown:
-                    shown = value.tolist() if isinstance(value, array) else value
-                    raise ParameterError(name, shown, unknown[name])
-                self.convert(name, value)
-            except PlacementPlannerError as error:
-                faults.append(error)
-        return faults
 
     def convert(self, name: str, value: object) -> Any:
         """A new value of a parameter in its type.
@@ -179,11 +176,8 @@ class ParameterSet:
             if f"{arm}.tip_frame" not in self.specs:
                 words = "this arm was not among arms at start-up, so it has no parameters"
                 raise ParameterError("arms", arm, words)
-        made = {kind: self._made(kind(), paths) for kind, paths in SETTINGS.items()}
-        self.planner_settings = made[PlannerSettings]
-        self.grid_settings = made[GridSettings]
-        self.region_settings = made[RegionSettings]
-        self.body_settings = made[BodySettings]
+        for name, kind in KINDS.items():
+            setattr(self, name, self._made(kind(), SETTINGS[name]))
 
     def _made(self, settings: Settings, paths: Mapping[str, str]) -> Any:
         """These settings with the values of parameters in the fields at their paths."""

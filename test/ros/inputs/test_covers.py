@@ -1,6 +1,7 @@
 """Covers are made in another process; where that does not do, the hull stands in and is told."""
 
 import resource
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,8 +12,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs.mesh_process import (
     MeshProcess,
 )
-from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import _MeshCovers
+from placement_planner_ros.ros.inputs.robot_input import covers_in
 
 URDF = """<robot name="ring"><link name="base"><collision><geometry>
 <mesh filename="ring.stl"/></geometry></collision></link></robot>"""
@@ -26,8 +26,7 @@ def folder(monkeypatch, tmp_path):
 
 
 def read(folder, process):
-    covers = _MeshCovers(Files(), process, True, None).covers
-    return Robot.from_urdf(URDF, [folder], None, None, covers)
+    return Robot.from_urdf(URDF, [folder], None, None, partial(covers_in, process))
 
 
 def coarse(robot):

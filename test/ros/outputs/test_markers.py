@@ -13,7 +13,7 @@ from placement_planner_ros.ros.outputs.markers import (
     placement_markers,
     scene_markers,
 )
-from placement_planner_ros.view.drawn_markers import DrawnMarkers
+from placement_planner_ros.view.drawn_markers import drawn_points
 
 MAP = Header(frame_id="map")
 
@@ -43,8 +43,8 @@ def test_what_leans_is_drawn_with_its_wall_and_the_cones_that_hold_it():
     resting, body = contact.resting(pin.SE3(T), feature), situation.body
     drawn = placement_markers(MAP, body, pin.SE3(T), np.zeros((2, 3)), resting)
     assert {(marker.header.frame_id, marker.action) for marker in drawn} == {("map", Marker.ADD)}
-    read = DrawnMarkers.of(MarkerArray(markers=drawn))
-    begins, ends = read.contacts[:, 0], read.contacts[:, 1]
+    read = drawn_points(MarkerArray(markers=drawn))
+    begins, ends = read["contacts"][::2], read["contacts"][1::2]
     # The floor at z = 0 holds by cones, the wall at x = 0.7 by pushes alone.
     pushes = begins[:, 0] > 0.69
     push = np.array([-FORCE_LENGTH_M, 0.0, 0.0])
@@ -54,9 +54,9 @@ def test_what_leans_is_drawn_with_its_wall_and_the_cones_that_hold_it():
     assert sides[:, 2] == pytest.approx(FORCE_LENGTH_M)
     assert sorted(set(steep.round(6))) == [0.0, 0.3]
     # The wall as far as it was measured, one plane that faces the object.
-    assert len(read.wall) == 6
-    assert read.wall[:, 0] == pytest.approx(0.7, abs=1e-3)
-    assert np.ptp(read.wall[:, 1:], axis=0) == pytest.approx([1.2, 0.5], abs=0.06)
+    assert len(read["wall"]) == 6
+    assert read["wall"][:, 0] == pytest.approx(0.7, abs=1e-3)
+    assert np.ptp(read["wall"][:, 1:], axis=0) == pytest.approx([1.2, 0.5], abs=0.06)
     assert "wall at (0.70, " in resting.on
     # What stands on a face has neither, and deletes those of the one before.
     none = np.zeros((0, 3))

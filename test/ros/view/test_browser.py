@@ -94,7 +94,7 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             assert b.snapshots[1].parameters.volume.lower.tolist() == [0.2, 0.0, -0.1]
             find(b, browser, "No placement so far.")
             browser.press("Start")
-            find(b, browser, "A run is going on; stop it first.")
+            find(b, browser, "wait for its end, or stop it")
             assert "It can be carried out." not in browser.text
         finally:
             b.close()

@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.view.drawn_markers import DrawnMarkers
+from placement_planner_ros.view.drawn_markers import drawn_points
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.world import World
 
@@ -72,11 +72,11 @@ def test_inputs_are_heard_whatever_their_names_and_whatever_comes_by_them(heard)
         return listener.clouds
 
     wait(clouds)
-    assert listener.clouds["/depth"].count == 5
-    points, why_not = World(listener, lambda *_: None).in_planning_frame(
-        listener.clouds["/depth"], {}
-    )
-    assert (len(points), why_not) == (5, "")
+    frame, points = listener.clouds["/depth"]
+    assert len(points) == 5
+    world = World(listener, lambda *_: None)
+    assert world.frame_pose(frame, {}).isIdentity()
+    assert world.frame_pose("elsewhere", {}) is None
 
     def refused():
         bad = message_from_points(np.ones((5, 3)), Header())
@@ -105,7 +105,7 @@ def test_inputs_are_heard_whatever_their_names_and_whatever_comes_by_them(heard)
     wait(later)
     assert listener.clouds is before
     listener.watched = True  # and the one that nobody looked at is there
-    wait(lambda: listener.clouds["/depth"].count == 7)
+    wait(lambda: len(listener.clouds["/depth"][1]) == 7)
 
     planner.solution.publish(DiagnosticArray())  # without a status
     wait(lambda: dropped)
@@ -118,10 +118,10 @@ def test_markers_that_are_none_are_refused_or_left_out():
     volume = Marker(ns="target_volume", type=Marker.CUBE)
     volume.scale.x = volume.scale.y = volume.scale.z = 0.5
     held = Marker(ns="contacts", points=[Point(x=float(k)) for k in range(5)])
-    drawn = DrawnMarkers.of(MarkerArray(markers=[volume, held, Marker(ns="another's")]))
-    assert drawn.contacts[..., 0].tolist() == [[0.0, 1.0], [2.0, 3.0]]
-    assert drawn.volume.tolist() == [[[-0.25] * 3, [0.25] * 3]]
-    assert len(drawn.regions) == 0
+    drawn = drawn_points(MarkerArray(markers=[volume, held, Marker(ns="another's")]))
+    assert drawn["contacts"][:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert drawn["target_volume"].tolist() == [[[-0.25] * 3, [0.25] * 3]]
+    assert len(drawn["regions"]) == 0
     volume.pose.position.x = float("nan")
     with pytest.raises(ValueError, match="finite"):
-        DrawnMarkers.of(MarkerArray(markers=[volume]))
+        drawn_points(MarkerArray(markers=[volume]))

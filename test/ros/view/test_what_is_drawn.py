@@ -6,15 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.playback import JointCurve, Playback
-from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.robot import ShownRobot
-from placement_planner_ros.view.thinning import thinned_cloud
 
 TIP = TIP_FRAMES["left"]
 
@@ -106,18 +103,3 @@ def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback)
         assert all(abs(value - other.positions[n]) < 0.02 for n, value in one.positions.items())
         gap = one.T_world_object.translation - other.T_world_object.translation
         assert np.abs(gap).max() < 0.02
-
-
-# --- clouds
-
-
-@pytest.mark.parametrize("size", [(360, 640), (480, 848), (1080, 1920), (3, 100_000), (1, 100_000)])
-def test_of_an_organised_cloud_rows_and_columns_are_left(size):
-    pixels = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
-    grid = np.zeros((*size, 3), np.float32)
-    grid[..., :2] = pixels
-    left = thinned_cloud(message_from_points(grid, Header())).points[:, :2]
-    assert 10_000 < len(left) <= 30_000
-    if min(size) > 100:  # as far apart along rows as across them
-        gaps = [np.diff(np.unique(axis)).max() for axis in left.T]
-        assert max(gaps) <= 1.7 * min(gaps)

@@ -5,7 +5,8 @@ import re
 import pytest
 from helpers.view_node import solution, status
 
-from placement_planner_ros.client import PlacementError
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.view import words
 from placement_planner_ros.view.record import RunRecord
 
@@ -57,15 +58,9 @@ def test_what_cannot_be_carried_out_is_not_said_to_be_ready():
     assert "It can be" not in said
 
 
-def test_a_refusal_is_said_in_words_with_its_code():
-    said = words.refusal_words(PlacementError("ALREADY_RUNNING", "state searching"))
-    assert said == "A run is going on; stop it first. state searching (ALREADY_RUNNING)"
-    said = words.refusal_words(PlacementError("BAD_VOLUME", "BAD_VOLUME: target_volume: too thin"))
-    assert said == "target_volume: too thin (BAD_VOLUME)"
-
-
-def test_every_fault_of_a_refusal_has_its_own_line_and_code():
-    error = PlacementError("NO_CLOUD", "NO_CLOUD: none has come\nJOINTS_MISSING: give j, too")
-    said = words.refusal_words(error)
-    assert said.split("\n") == ["none has come (NO_CLOUD)", "give j, too (JOINTS_MISSING)"]
-    assert "(NO_CLOUD)<br>give j" in words.note_html(said)
+def test_what_is_wrong_is_named_as_the_nodes_parameters_are():
+    with pytest.raises(RobotError) as refused:
+        read_urdf("<robot/>")
+    assert "`urdf`" in str(refused.value)
+    assert ">robot_description = " in words.note_html(str(refused.value))
+    assert "none has come<br>give j" in words.note_html("none has come\ngive j, too")
