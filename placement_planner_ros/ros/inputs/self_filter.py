@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import cKDTree
+from scipy.stats import median_abs_deviation, norm
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import polytope_of
@@ -21,15 +22,16 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
+from placement_planner_ros.ros.inputs.point_cloud import some_of
 
 OWN_M = 0.002
 """Off a surface, up to which a point is of that surface: joint values, grasps and meshes are no
 truer."""
 TAIL_PERCENT = 99.9
-"""Percentile of the depths of a surface's own points, which is how far outside others of them may
-be."""
+"""Share of a surface's own points that are no farther off than they are said to be."""
 FEWEST_INSIDE = 20
-"""Points inside a solid from which on their depths tell how well is measured."""
+"""Points inside a solid from which on they tell how well is measured; and of those around a point
+that tell where the surface is."""
 CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
 
@@ -81,8 +83,9 @@ class FilteredPoints:
         """(n,) those that are of the surfaces, or inside: no farther off than what is measured of
         them is.
 
-        Nothing but the robot is inside its solids. So how far inside of where most are the deepest
-        points of a solid lie shows how far outside of that others of its own may be. Farther off
+        Nothing but the robot is inside its solids. How much points there differ from those beside
+        them along the surface shows how far off it others of its own may be: how deep they are does
+        not, as a shape for collisions may be larger than what cameras see of the link. Farther off
         than the padding they are not its own.
         """
         signed = np.where(self.inside, -self.apart, self.apart)
@@ -91,13 +94,9 @@ class FilteredPoints:
         near = np.flatnonzero(self.padded & np.isfinite(signed))
         order = near[np.argsort(self.solid[near], kind="stable")]
         for rows in np.split(order, np.flatnonzero(np.diff(self.solid[order])) + 1):
-            # of one surface: how deep its points lie in it, positive inside
-            depths = -signed[rows]
-            if (depths > 0.0).sum() >= FEWEST_INSIDE:
-                # where most are is its surface as the sensor has it; the deepest tell the spread
-                most = max(float(np.median(depths)), 0.0)
-                deepest = float(np.percentile(depths[depths >= most], TAIL_PERCENT))
-                limit[self.solid[rows[0]]] = max(OWN_M, deepest - 2.0 * most)
+            if (signed[rows] < 0.0).sum() >= FEWEST_INSIDE:
+                spread = _spread(self.nearest[rows], signed[rows])
+                limit[self.solid[rows[0]]] = max(OWN_M, spread)
         return self.padded & (self.inside | (self.apart <= limit[self.solid]))
 
 
@@ -295,6 +294,22 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]
+
+
+def _spread(nearest: Array, signed: Array) -> float:
+    """Metres by which the points of a solid differ from those around them, but for its tail.
+
+    Args:
+        nearest: (n, 3) where the solid's surface is nearest to each.
+        signed: (n,) how far outside of it they are, negative inside.
+    """
+    inside = some_of(np.column_stack([nearest, signed])[signed < 0.0])
+    # along the surface, so that neighbours of a point do not err as it does
+    _, around = cKDTree(nearest).query(inside[:, :3], FEWEST_INSIDE)
+    off = inside[:, 3] - signed[around[:, 1:]].mean(axis=1)  # the first is the point itself
+    # errors are as many either way; what rises or falls steeply is little of a surface
+    deviation = median_abs_deviation(np.append(off, -off), scale="normal")
+    return float(norm.interval(TAIL_PERCENT / 100.0)[1] * deviation)
 
 
 def _near(points: Array, T: pin.SE3, tree: SolidSurface, cap: float) -> npt.NDArray[np.int64]:
