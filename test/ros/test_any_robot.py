@@ -91,7 +91,7 @@ def test_a_lift_in_the_chain_is_told_with_the_way_to_leave_it_out(bench):
     b = bench(**TOWER)
     stand(b)
     words = b.call("start").words
-    assert "arm left plans with lift (0 to 0.3 m), which moves pan too" in words
+    assert "arm left plans with lift, which moves pan too" in words
     assert "left.joints: [swing, bend, roll]" in words
     assert "acceleration limit 0.5 m/s^2 of lift" in words
     b.call("stop")

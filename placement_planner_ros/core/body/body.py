@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.convex_cover import coarse_cover_in_words, cover_tolerance
 from placement_planner_ros.core.body.convex_part import (
     ConvexPart,
     hull_if_convex,
@@ -17,7 +16,11 @@ from placement_planner_ros.core.body.convex_part import (
 )
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
-from placement_planner_ros.core.body.mesh_components import Components, Triangles
+from placement_planner_ros.core.body.mesh_components import (
+    Components,
+    Triangles,
+    equal_rows,
+)
 from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
@@ -136,10 +139,13 @@ class Body:
         kept = tuple(face for face in found if settings.allow_rolling or not face.rolls)
         if not kept:
             warnings.append("the object has no face to stand on")
-        mesh = CoveredMesh.of(np.concatenate(others), cover) if others else None
-        if mesh is not None:
-            coarse = coarse_cover_in_words(mesh.cover, cover_tolerance(mesh.vertices))
-            warnings.extend([coarse] if coarse else [])
+        mesh = None
+        if others:
+            # Equal vertices of all pieces are one.
+            corners = np.concatenate(others).reshape(-1, 3)
+            first, kind = equal_rows(corners)
+            mesh = CoveredMesh.of(corners[first], kind.reshape(-1, 3), cover)
+            warnings += filter(None, [mesh.coarse_in_words])
         return cls(
             solids=tuple(convex),
             mesh=mesh,

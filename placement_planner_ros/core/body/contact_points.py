@@ -74,9 +74,10 @@ def _room_around(points: Array, corners: Array, triangles: Index) -> Array:
     """
     if len(points) == 0 or len(triangles) == 0:
         return np.zeros(len(points))
-    # Edges that only one triangle has are the rim.
+    # Edges that only one triangle has are the rim; fronts and backs count once.
     first, same = equal_rows(np.round(corners / SINGLE_ROUNDING))
-    edges = np.sort(same[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    distinct = np.unique(np.sort(same[triangles], axis=1), axis=0)
+    edges = distinct[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
     rows, count = np.unique(edges, axis=0, return_counts=True)
     # The rim as segments.
     begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)

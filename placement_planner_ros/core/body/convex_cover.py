@@ -57,31 +57,18 @@ def cover_tolerance(vertices: Array) -> float:
     return 0.5 * COVER_TOLERANCE_M if small else COVER_TOLERANCE_M
 
 
-def coarse_cover_in_words(cover: Cover, tolerance: float) -> str:
-    """That a cover reaches further than twice its tolerance, metres; '' where it does not."""
-    if cover.excess <= 2.0 * tolerance:
-        return ""
-    return (
-        f"its convex cover reaches {cover.excess:.3f} m beyond its mesh instead of {tolerance:g}, "
-        "which slows down checks beside it; a simpler mesh has a closer one"
-    )
-
-
-def convex_cover(
-    vertices: Array,
-    triangles: Triangles,
-    tolerance: float,
-) -> Cover:
+def convex_cover(vertices: Array, triangles: Triangles, tolerance: float | None = None) -> Cover:
     """Cover a mesh by at most `MAX_PARTS` convex parts; `stoppable`.
 
     Args:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
-        tolerance: metres that parts may reach beyond the mesh; more where it needs too many parts.
+        tolerance: metres that parts may reach beyond the mesh, more where it needs too many parts;
+            None: `cover_tolerance`.
     """
     components = Components.of(vertices, triangles)
     # Cut until every piece is near the mesh.
-    cells = MeshCells(components.corners, tolerance)
+    cells = MeshCells(components.corners, tolerance or cover_tolerance(vertices))
     hulls, far = _cut_hulls(components.corners, cells)
     # Join what stays near it; where too many are left, let them reach further.
     hulls = _joined_pairs(hulls, far)

@@ -13,7 +13,7 @@ from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, mesh_shape
 from placement_planner_ros.core.robot.geometry import convex_geometry, triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, link_meshes
+from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
@@ -60,9 +60,8 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     ]
     # What is a mesh, by its cover.
     if body.mesh is not None:
-        mesh = body.mesh.vertices, body.mesh.triangles
-        shape, surface = mesh_shape(body.mesh.cover, *mesh), triangle_geometry(*mesh)
-        solids.append(ObjectSolid(shape, surface, body.mesh))
+        surface = triangle_geometry(body.mesh.vertices, body.mesh.triangles)
+        solids.append(ObjectSolid(mesh_shape(body.mesh), surface, body.mesh))
     return tuple(solids)
 
 
@@ -71,5 +70,5 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]
     solids = object_solids(body)
-    meshes = [*link_meshes(robot), *(solid.mesh for solid in solids)]
+    meshes = [*robot.meshes, *(solid.mesh for solid in solids)]
     return Overlaps([*links, *(solid.geometry for solid in solids)], meshes)

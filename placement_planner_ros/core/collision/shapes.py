@@ -13,16 +13,14 @@ from functools import lru_cache
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
@@ -76,15 +74,16 @@ def _convex_hull(data: bytes, radius: float) -> ConvexSet:
     return ConvexSet.of(polytope_of(np.frombuffer(data).reshape(-1, 3)), radius)
 
 
-def mesh_shape(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
-    """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it, from disk, or made and
-    kept there: trees over many triangles take seconds to make."""
+def mesh_shape(mesh: CoveredMesh) -> Shape:
+    """A mesh by its cover and its triangles, from disk, or made and kept there: trees over many
+    triangles take seconds to make."""
+    vertices, triangles, parts = mesh.vertices, mesh.triangles, mesh.cover.parts
 
     def make() -> Shape:
-        return Shape(tuple(map(ConvexSet.of, cover.parts)), MeshTree.of(vertices, triangles))
+        return Shape(tuple(map(ConvexSet.of, parts)), MeshTree.of(vertices, triangles))
 
-    parts = tuple(part.vertices for part in cover.parts)
-    key = digest_of(code_digest(__name__), vertices, triangles, parts)
+    corners = tuple(part.vertices for part in parts)
+    key = digest_of(code_digest(__name__), vertices, triangles, corners)
     return stored_result("mesh shapes", key, make)
 
 
@@ -98,7 +97,7 @@ def link_shapes(robot: Robot) -> tuple[Shape, ...]:
     links, things = robot.geometry_links, robot.geometry.geometryObjects
     return tuple(
         shape_of(thing.geometry, f"link {link}") if shape is None else shape
-        for link, thing, shape in zip(links, things, _cover_shapes(robot.covers), strict=True)
+        for link, thing, shape in zip(links, things, _mesh_shapes(robot.meshes), strict=True)
     )
 
 
@@ -110,10 +109,8 @@ def shape_triangles(robot: Robot) -> list[Array]:
     """
     links, things = robot.geometry_links, robot.geometry.geometryObjects
     return [
-        _solid_triangles(thing.geometry, link)
-        if cover is None
-        else cover.mesh.vertices[cover.mesh.triangles]
-        for thing, link, cover in zip(things, links, robot.covers, strict=True)
+        _solid_triangles(thing.geometry, link) if mesh is None else mesh.vertices[mesh.triangles]
+        for thing, link, mesh in zip(things, links, robot.meshes, strict=True)
     ]
 
 
@@ -128,14 +125,14 @@ def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _cover_shapes(covers: tuple[LinkCover | None, ...]) -> tuple[Shape | None, ...]:
+def _mesh_shapes(meshes: tuple[CoveredMesh | None, ...]) -> tuple[Shape | None, ...]:
     """The shape of each mesh: one for geometries that share it, and for copies of a robot."""
-    made: dict[LinkCover | None, Shape | None] = {None: None}
-    for cover in covers:
-        if cover is not None and cover not in made:
-            step(f"reading the shape of link {cover.mesh.link}")
-            made[cover] = mesh_shape(cover, cover.mesh.vertices, cover.mesh.triangles)
-    return tuple(made[cover] for cover in covers)
+    made: dict[CoveredMesh | None, Shape | None] = {None: None}
+    for mesh in meshes:
+        if mesh is not None and mesh not in made:
+            step("reading the shapes of links")
+            made[mesh] = mesh_shape(mesh)
+    return tuple(made[mesh] for mesh in meshes)
 
 
 def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:

@@ -13,10 +13,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import hull_around, simpler_hull
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.attached_object import AttachedObject, object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.geometry import LinkCover, convex_geometry
+from placement_planner_ros.core.robot.geometry import convex_geometry
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps
@@ -57,16 +58,16 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     change = np.abs(change) / steps
     swept = pin.GeometryModel()
     links: list[str] = []
-    covers: list[LinkCover | None] = []
-    for link, thing, cover in zip(
-        robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
+    meshes: list[CoveredMesh | None] = []
+    for link, thing, mesh in zip(
+        robot.geometry_links, robot.geometry.geometryObjects, robot.meshes, strict=True
     ):
         joint = thing.parentJoint
         # What does not move stays as it is.
         if not movers[joint].any():
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
-            covers.append(cover)
+            meshes.append(mesh)
             continue
         # Its corners, of round things those of the box around, placed at every copy.
         local = simpler_hull(hull_around(_corners_of(thing.geometry)), 0.0).vertices
@@ -96,8 +97,8 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
                 )
             )
             links.append(link)
-            covers.append(None)
-    return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
+            meshes.append(None)
+    return replace(robot, geometry=swept, geometry_links=tuple(links), meshes=tuple(meshes))
 
 
 def moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:

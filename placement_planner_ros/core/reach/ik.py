@@ -61,15 +61,12 @@ class InverseKinematics:
     ) -> None:
         self.chain = chain
         self.settings = settings or IKSettings()
-        self._arm = ik_kernels.IKArm(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
-            chain.ties,
-            self.settings.position_tolerance,
-            self.settings.rotation_tolerance,
+        of_arm = "fixed", "prismatic", "lower", "upper", "ties"
+        values = (
+            getattr(chain if name in of_arm else self.settings, name)
+            for name in ik_kernels.IKArm._fields
         )
+        self._arm = ik_kernels.IKArm(*values)
         self._reach = reach or ReachBound.of(chain)
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
@@ -84,16 +81,10 @@ class InverseKinematics:
         k <= settings.max_solutions; k = 0 where no seed led to one. Solutions that differ by full
         turns of a joint count as one.
         """
-        settings = self.settings
-        solutions = np.empty((settings.max_solutions, self.chain.dof))
-        count = ik_kernels.solve_target(
-            self._arm,
-            kernel_input(T_world_tip),
-            kernel_input(seeds),
-            settings.max_iterations,
-            settings.min_difference,
-            solutions,
-        )
+        dof = self.chain.dof
+        solutions = np.empty((self.settings.max_solutions, dof))
+        T, scratch = kernel_input(T_world_tip), ik_kernels.ik_scratch(dof)
+        count = ik_kernels.solve_target(self._arm, T, kernel_input(seeds), solutions, scratch)
         return solutions[:count]
 
     def sweep(self, T_world_tip: Array, Q: Array) -> Array:
@@ -102,9 +93,10 @@ class InverseKinematics:
         They lie some sweep_step apart, closer only at limits and in tight bends. k = 0 for arms of
         six joints or fewer, whose solutions are isolated.
         """
-        found = np.empty((self.settings.max_sweep, self.chain.dof))
-        T, step = kernel_input(T_world_tip), self.settings.sweep_step
-        count = self_motion.sweep_target(self._arm, T, kernel_input(Q), step, found)
+        dof = self.chain.dof
+        found = np.empty((self.settings.max_sweep, dof))
+        T, scratch = kernel_input(T_world_tip), ik_kernels.ik_scratch(dof)
+        count = self_motion.sweep_target(self._arm, T, kernel_input(Q), found, scratch)
         return found[:count]
 
     def track(self, T_world_tip: Sequence[Array] | Array, q0: Array) -> Array | None:
@@ -115,15 +107,8 @@ class InverseKinematics:
             jumps, or the tip leaves the straight line between two poses by more than
             settings.line_tolerance (then denser poses may succeed).
         """
-        chain, settings = self.chain, self.settings
-        T = kernel_input(T_world_tip)
-        path = np.empty((len(T), chain.dof))
-        tracked = ik_kernels.track_targets(
-            self._arm,
-            T,
-            np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),
-            settings.max_joint_step,
-            settings.line_tolerance,
-            path,
-        )
+        chain, T = self.chain, kernel_input(T_world_tip)
+        start = np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper)
+        path, scratch = np.empty((len(T), chain.dof)), ik_kernels.ik_scratch(chain.dof)
+        tracked = ik_kernels.track_targets(self._arm, T, start, path, scratch)
         return path if tracked else None

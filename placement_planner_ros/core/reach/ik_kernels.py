@@ -37,7 +37,7 @@ to its target must be there."""
 
 
 class IKArm(NamedTuple):
-    """An arm of n joints as `kinematics.Chain` describes it, and when a pose counts as reached."""
+    """An arm of n joints as `kinematics.Chain` describes it, and numbers of `IKSettings`."""
 
     fixed: Array
     prismatic: Flags
@@ -45,21 +45,25 @@ class IKArm(NamedTuple):
     upper: Array
     ties: Array
     position_tolerance: float
-    """m"""
     rotation_tolerance: float
-    """rad"""
+    max_iterations: int
+    min_difference: float
+    sweep_step: float
+    max_joint_step: float
+    line_tolerance: float
 
 
 class IKScratch(NamedTuple):
-    """Work space; `ik_scratch` makes it."""
+    """Work space for an arm of n joints."""
 
     frames: Array
     """(n + 1, 4, 4) of `chain_frames`."""
     J: Array
     """(6, n) of the tip, rotation weighed by ROTATION_SCALE."""
-    M: Array
-    """(6, 6) of the system to solve, and its right-hand side, then solution, y (6,)."""
+    L: Array
+    """(6, 6), the factor of the system to solve, below and on its diagonal."""
     y: Array
+    """(6,) its right-hand side, then its solution."""
     error: Array
     """(6,)"""
     free: Flags
@@ -68,7 +72,6 @@ class IKScratch(NamedTuple):
     """(n,)"""
 
 
-@njit(cache=True, nogil=True)
 def ik_scratch(dof: int) -> IKScratch:
     """Work space for an arm of so many joints."""
     return IKScratch(
@@ -110,33 +113,6 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
         error[3], error[4], error[5] = math.pi, 0.0, 0.0
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def solve_spd(M: Array, b: Array) -> None:
-    """Solve M x = b in place, M (6, 6) symmetric positive definite, by Cholesky."""
-    # L, with M = L Lᵀ, into the lower triangle
-    for i in range(6):
-        for j in range(i + 1):
-            s = M[i, j]
-            for k in range(j):
-                s -= M[i, k] * M[j, k]
-            if i == j:
-                M[i, i] = math.sqrt(s)
-            else:
-                M[i, j] = s / M[j, j]
-    # forwards: L z = b
-    for i in range(6):
-        s = b[i]
-        for k in range(i):
-            s -= M[i, k] * b[k]
-        b[i] = s / M[i, i]
-    # backwards: Lᵀ x = z
-    for i in range(5, -1, -1):
-        s = b[i]
-        for k in range(i + 1, 6):
-            s -= M[k, i] * b[k]
-        b[i] = s / M[i, i]
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def follow_in_place(ties: Array, q: Array) -> None:
     """`arm.follow_masters` of q (n,) itself."""
@@ -168,20 +144,30 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
             J[a, joint] = 0.0
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def solve_normal(scratch: IKScratch, damping: float) -> None:
-    """y := (J Jᵀ + damping I)⁻¹ y, J without the joints that are not free."""
-    J, M, free = scratch.J, scratch.M, scratch.free
-    # J Jᵀ, of the free joints' columns, damped
+    """y := (J Jᵀ + damping I)⁻¹ y by Cholesky, J without the joints that are not free."""
+    J, L, y, free = scratch.J, scratch.L, scratch.y, scratch.free
+    # L of L Lᵀ = J Jᵀ + damping I
     for a in range(6):
         for b in range(a + 1):
-            s = 0.0
+            s = damping if a == b else 0.0
             for i in range(len(free)):
                 if free[i]:
                     s += J[a, i] * J[b, i]
-            M[a, b] = s
-        M[a, a] += damping
-    solve_spd(M, scratch.y)
+            for k in range(b):
+                s -= L[a, k] * L[b, k]
+            L[a, b] = math.sqrt(s) if a == b else s / L[b, b]
+    # forwards: L z = y
+    for a in range(6):
+        for k in range(a):
+            y[a] -= L[a, k] * y[k]
+        y[a] /= L[a, a]
+    # backwards: Lᵀ x = z
+    for a in range(5, -1, -1):
+        for k in range(a + 1, 6):
+            y[a] -= L[k, a] * y[k]
+        y[a] /= L[a, a]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -255,30 +241,30 @@ def descend_to_target(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
-    """Whether two configurations differ in some joint by more than full turns explain."""
-    for i in range(len(a)):
-        # The difference of a joint that turns, without full turns.
-        d = abs(a[i] - b[i])
-        if not prismatic[i]:
-            d = abs(d - 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5))
-        if d > min_difference:
+def is_among(q: Array, known: Array, prismatic: Flags, min_difference: float) -> bool:
+    """Whether q (n,) is one of configurations (k, n), but for full turns and `min_difference`."""
+    # Newest first, as the last steps of a walk are nearest.
+    for k in range(len(known) - 1, -1, -1):
+        same = True
+        for i in range(len(q)):
+            # The difference of a joint that turns, without full turns.
+            d = abs(known[k, i] - q[i])
+            if not prismatic[i]:
+                d = abs(d - 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5))
+            if d > min_difference:
+                same = False
+                break
+        if same:
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
 def solve_target(
-    arm: IKArm,
-    target: Array,
-    seeds: Array,
-    max_iterations: int,
-    min_difference: float,
-    solutions: Array,
+    arm: IKArm, target: Array, seeds: Array, solutions: Array, scratch: IKScratch
 ) -> int:
     """Fill solutions (k, n) of a target (4, 4) from seeds (s, n), distinct ones; how many."""
     dof = len(arm.lower)
-    scratch = ik_scratch(dof)
     q = np.empty(dof)
     count = 0
     for s in range(len(seeds)):
@@ -289,29 +275,17 @@ def solve_target(
         for i in range(dof):
             q[i] = min(max(seeds[s, i], arm.lower[i]), arm.upper[i])
         follow_in_place(arm.ties, q)
-        if not descend_to_target(arm, target, q, max_iterations, scratch):
+        if not descend_to_target(arm, target, q, arm.max_iterations, scratch):
             continue
         # Kept unless a solution that is the same but for full turns is there.
-        new = True
-        for k in range(count):
-            if not configurations_differ(solutions[k], q, arm.prismatic, min_difference):
-                new = False
-                break
-        if new:
+        if not is_among(q, solutions[:count], arm.prismatic, arm.min_difference):
             solutions[count] = q
             count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def track_targets(
-    arm: IKArm,
-    targets: Array,
-    q0: Array,
-    max_joint_step: float,
-    line_tolerance: float,
-    path: Array,
-) -> bool:
+def track_targets(arm: IKArm, targets: Array, q0: Array, path: Array, scratch: IKScratch) -> bool:
     """Fill path (m, n) with what follows targets (m, 4, 4) from q0 (n,); False where that fails.
 
     No joint moves further than `max_joint_step` between two targets, and half-way in the joints the
@@ -319,7 +293,6 @@ def track_targets(
     """
     dof = len(arm.lower)
     # Start at q0, its followers where they belong.
-    scratch = ik_scratch(dof)
     q = q0.copy()
     follow_in_place(arm.ties, q)
     previous = q.copy()
@@ -333,7 +306,7 @@ def track_targets(
         path[n] = q
         # No joint may have moved too far; half-way in the joints.
         for i in range(dof):
-            if abs(q[i] - previous[i]) > max_joint_step:
+            if abs(q[i] - previous[i]) > arm.max_joint_step:
                 return False
             between[i] = 0.5 * (q[i] + previous[i])
             previous[i] = q[i]
@@ -347,8 +320,8 @@ def track_targets(
         for a in range(6):
             error[a] = 0.5 * (error[a] + other[a])
         if (
-            error[0] ** 2 + error[1] ** 2 + error[2] ** 2 > line_tolerance**2
-            or error[3] ** 2 + error[4] ** 2 + error[5] ** 2 > line_tolerance**2
+            error[0] ** 2 + error[1] ** 2 + error[2] ** 2 > arm.line_tolerance**2
+            or error[3] ** 2 + error[4] ** 2 + error[5] ** 2 > arm.line_tolerance**2
         ):
             return False
     return True

@@ -17,13 +17,12 @@ from placement_planner_ros.core.reach.ik_kernels import (
     STALL_ITERATIONS,
     IKArm,
     IKScratch,
-    configurations_differ,
     descend_to_target,
-    ik_scratch,
+    is_among,
     solve_normal,
     weighted_jacobian,
 )
-from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
+from placement_planner_ros.core.reach.kinematics import chain_frames
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -69,36 +68,10 @@ def _project_to_null_space(arm: IKArm, tangent: Array, scratch: IKScratch) -> bo
     return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _null_direction(
-    arm: IKArm, axis: int, any_axis: bool, tangent: Array, scratch: IKScratch
-) -> bool:
-    """tangent (n,): joint `axis`, or the first that can, moved within the null space."""
-    # One joint after the other, moved alone, until something is left in the null space.
-    for i in range(len(tangent) if any_axis else 1):
-        tangent[:] = 0.0
-        tangent[(axis + i) % len(tangent)] = 1.0
-        if _project_to_null_space(arm, tangent, scratch):
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _near_visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
-    """Whether q is next to one of the configurations."""
-    # Newest first, as the walk's own last steps are nearest.
-    for near in (found, starts):
-        for k in range(len(near) - 1, -1, -1):
-            if not configurations_differ(near[k], q, prismatic, radius):
-                return True
-    return False
-
-
 @njit(cache=True, nogil=True)
 def _walk_self_motion(
     arm: IKArm,
     target: Array,
-    step: float,
     starts: Array,
     tangent: Array,
     found: Array,
@@ -110,7 +83,7 @@ def _walk_self_motion(
     It ends at a joint limit, next to a start or what is found already, where even a short step does
     not come back onto the pose, and where found is full. Returns the new count.
     """
-    lower, upper = arm.lower, arm.upper
+    lower, upper, step = arm.lower, arm.upper, arm.sweep_step
     dof = len(lower)
     # The walk starts at the last of the starts.
     last = starts[len(starts) - 1].copy()
@@ -145,7 +118,10 @@ def _walk_self_motion(
             share *= 0.5
             continue
         # A configuration that was there before closes the curve.
-        if _near_visited(q, starts, found[:count], arm.prismatic, 0.5 * moved):
+        radius = 0.5 * moved
+        if is_among(q, found[:count], arm.prismatic, radius) or is_among(
+            q, starts, arm.prismatic, radius
+        ):
             break
         # Keep it, and try twice as long a step next.
         found[count] = q
@@ -159,36 +135,38 @@ def _walk_self_motion(
 
 
 @njit(cache=True, nogil=True)
-def sweep_target(arm: IKArm, target: Array, starts: Array, step: float, found: Array) -> int:
+def sweep_target(arm: IKArm, target: Array, starts: Array, found: Array, scratch: IKScratch) -> int:
     """Fill found (m, n) with what lies on the self-motions of the starts; how many.
 
     Args:
         starts: (s, n) solutions of the target (4, 4).
-        step: rad or m, the largest change of a joint from one configuration to the next.
     """
     # Joints beyond the six that a pose needs: without them there is no self-motion.
     dof = len(arm.lower)
     spare = dof - len(arm.ties) - 6
     if spare < 1:
         return 0
-    scratch = ik_scratch(dof)
     tangent = np.empty(dof)
     count = 0
     for s in range(len(starts)):
         # Each start, but for those that a walk has passed already.
-        if _near_visited(starts[s], starts[:0], found[:count], arm.prismatic, 0.5 * step):
+        if is_among(starts[s], found[:count], arm.prismatic, 0.5 * arm.sweep_step):
             continue
-        # One direction spans a curve; a surface is cut along one direction for each joint.
-        for axis in range(1 if spare == 1 else dof):
+        for axis in range(dof):
+            moves = False
             for side in (1.0, -1.0):
                 # The direction in which the joint moves without the tip, then its opposite.
                 chain_frames(arm.fixed, arm.prismatic, starts[s], scratch.frames)
-                if not _null_direction(arm, axis, spare == 1, tangent, scratch):
+                tangent[:] = 0.0
+                tangent[axis] = side
+                if not _project_to_null_space(arm, tangent, scratch):
                     break
-                for i in range(dof):
-                    tangent[i] *= side
                 # The walk along it.
+                moves = True
                 count = _walk_self_motion(
-                    arm, target, step, starts[: s + 1], tangent, found, count, scratch
+                    arm, target, starts[: s + 1], tangent, found, count, scratch
                 )
+            # One direction spans a curve; a surface is cut along one direction for each joint.
+            if moves and spare == 1:
+                break
     return count

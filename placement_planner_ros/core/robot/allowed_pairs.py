@@ -81,9 +81,7 @@ def read_srdf(
 
 def hidden_pairs(left_out: Mapping[Pair, Reason]) -> list[str]:
     """In words those of the pairs whose true collisions would not be noticed, and why."""
-    return [
-        f"{a} and {b} {WORDS[reason]}" for (a, b), reason in left_out.items() if reason in WORDS
-    ]
+    return [f"{a} and {b} {WORDS[why]}" for (a, b), why in left_out.items() if why in WORDS]
 
 
 def left_out_in_words(left_out: Mapping[Pair, Reason]) -> list[str]:
@@ -92,10 +90,8 @@ def left_out_in_words(left_out: Mapping[Pair, Reason]) -> list[str]:
     hidden = hidden_pairs(left_out)
     plain = len(left_out) - len(hidden)
     words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
-    if not hidden:
-        return [words]
     remedy = "give `srdf` where these can really meet"
-    return [f"{words}, and {len(hidden)} more; {remedy}", *(f"left out: {each}" for each in hidden)]
+    return [words, *(f"left out: {each}; {remedy}" for each in hidden)]
 
 
 def shape_pairs(

@@ -48,18 +48,14 @@ def announce_arm(
 
 def _torso(robot: Robot, arm: Arm) -> str:
     """Which joints move other parts of the robot too, as a torso does."""
-    # What each joint carries beside the arm and its hand.
+    # What each joint carries beside the arm, its hand, and what follows others.
     model = robot.model
     ids = [model.getJointId(joint) for joint in arm.joints]
-    below = [set(model.subtrees[i]) for i in ids]
+    own = {*ids, *model.subtrees[ids[-1]], *map(model.getJointId, robot.mimics)}
     shared = {}
-    for joint, carried, low, high in zip(arm.joints, below, arm.lower, arm.upper, strict=True):
-        others = [str(model.names[i]) for i in sorted(carried - below[-1] - set(ids))]
-        moved = [name for name in others if name not in robot.mimics]
-        if moved:
-            reach = f" ({low:g} to {high:g} {robot.unit(joint)})"
-            reach = "" if joint in arm.continuous else reach
-            shared[joint] = f"{joint}{reach}, which moves {listed(moved)} too"
+    for joint, number in zip(arm.joints, ids, strict=True):
+        if moved := sorted(set(model.subtrees[number]) - own):
+            shared[joint] = f"{joint}, which moves {listed([model.names[i] for i in moved])} too"
     if not shared:
         return ""
     alone = ", ".join(joint for joint in arm.joints if joint not in shared)
@@ -73,13 +69,12 @@ def _torso(robot: Robot, arm: Arm) -> str:
 
 def _limits(robot: Robot, arm: Arm, accelerations: bool) -> str:
     """Which limits are assumed, joints with the same limit together."""
-    values = {"velocity": (arm.velocity, "s"), "acceleration": (arm.acceleration, "s^2")}
+    rates = [("velocity", arm.velocity, "s"), ("acceleration", arm.acceleration, "s^2")]
     found: dict[str, list[str]] = {}
-    for k, joint in enumerate(arm.joints):
-        for what in robot.assumed[joint]:
-            if accelerations or what == "velocity":
-                limit, time = values[what]
-                words = f"{what} limit {limit[k]:g} {robot.unit(joint)}/{time}"
+    for what, limits, time in rates if accelerations else rates[:1]:
+        for joint, limit in zip(arm.joints, limits, strict=True):
+            if what in robot.assumed[joint]:
+                words = f"{what} limit {limit:g} {robot.unit(joint)}/{time}"
                 found.setdefault(words, []).append(joint)
     if not found:
         return ""

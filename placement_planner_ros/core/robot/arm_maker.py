@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+import trimesh
 
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import MAX_EXTENT
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 if TYPE_CHECKING:
     from placement_planner_ros.core.robot.model import Robot
@@ -24,10 +25,9 @@ def derive_arm(
     tip_frame: str,
     joints: Sequence[str] | None = None,
     grasps: Iterable[pin.SE3 | npt.ArrayLike] = (),
-    touch_links: Sequence[str] | None = None,
+    touch_links: Sequence[str] = (),
     gripper_joints: Sequence[str] = (),
     gripper_open: Sequence[float] = (),
-    also_touch: Sequence[str] = (),
 ) -> Arm:
     """An arm of a robot; what is None is derived.
 
@@ -36,10 +36,9 @@ def derive_arm(
         tip_frame: link the grasps refer to.
         joints: root to tip; None: every movable joint between the root and the tip.
         grasps: T_tip_object, each a pose or (4, 4).
-        touch_links: links that may touch the held object; None: the hand, that is, the tip
-            link and all links it carries, or where these have no geometry, the next link
-            towards the root that does, with all it carries.
-        also_touch: more of them.
+        touch_links: links that may touch the held object besides the hand, that is, the tip link
+            and all links it carries, or where these have no geometry, the next link towards the
+            root that does, with all it carries.
         gripper_joints, gripper_open: joints that open the hand, and their values when open.
 
     Raises:
@@ -48,8 +47,6 @@ def derive_arm(
         GraspError: a grasp is not a rigid transform.
     """
     where = f"arm {name}"
-    if not isinstance(grasps, Iterable):
-        raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
     if not robot.has_link(tip_frame):
         words = f"name a link of the robot {robot.name!r}"
         raise RobotError(f"{where}: tip_frame", tip_frame, words)
@@ -64,10 +61,8 @@ def derive_arm(
         raise RobotError(f"{where}: joints", list(joints), f"{words}: {list(chain)}")
     # What moves together, and what may touch.
     ties = _ties(robot, where, joints, chain)
-    if touch_links is None:
-        touch_links = _hand_links(robot, tip_frame)
-    touch_links = tuple(dict.fromkeys([*touch_links, *also_touch]))
-    for link in touch_links:
+    touching = tuple(dict.fromkeys([*_hand_links(robot, tip_frame), *touch_links]))
+    for link in touching:
         if not robot.has_link(link):
             raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
     # The arm, with limits that fit each other.
@@ -77,7 +72,7 @@ def derive_arm(
         tip_frame=tip_frame,
         joints=joints,
         grasps=tuple(_checked_grasp(g, f"{where}: grasps[{i}]") for i, g in enumerate(grasps)),
-        touch_links=touch_links,
+        touch_links=touching,
         gripper_joints=tuple(gripper_joints),
         gripper_open=_checked_gripper(robot, where, joints, gripper_joints, gripper_open),
         q_index=np.array(index),
@@ -107,10 +102,9 @@ def _ties(robot: Robot, where: str, joints: Sequence[str], chain: Sequence[str])
         elif follower in joints or (
             mimic.master in joints and (follower in chain or _moves_shapes(robot, follower))
         ):
-            together = [f for f, each in robot.mimics.items() if each.master == mimic.master]
-            others = [joint for joint in joints if joint not in (mimic.master, *together)]
+            tied = {*robot.mimics, mimic.master}
             words = f"mimics {mimic.master}, and not both are joints of the arm: where they should "
-            words += f"stay where they are, leave out what moves together: {others}"
+            words += f"stay where they are, choose {[name for name in joints if name not in tied]}"
             raise RobotError(f"{where}: joints", follower, words)
     return np.array(ties, dtype=np.float64).reshape(-1, 4)
 
@@ -121,7 +115,7 @@ def _moves_shapes(robot: Robot, joint: str) -> bool:
     return any(thing.parentJoint in below for thing in robot.geometry.geometryObjects)
 
 
-def _hand_links(robot: Robot, tip_frame: str) -> tuple[str, ...]:
+def _hand_links(robot: Robot, tip_frame: str) -> list[str]:
     frames, frame = robot.model.frames, robot.frame_id(tip_frame)
     # Up as long as nothing has geometry and no joint is passed.
     while True:
@@ -164,11 +158,11 @@ def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
         T = np.empty(0)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4), all finite")
-    R, last_row = T[:3, :3], [0.0, 0.0, 0.0, 1.0]
     if np.abs(T[:3, 3]).max() > MAX_EXTENT:
         raise GraspError(field, T[:3, 3].tolist(), f"is more than {MAX_EXTENT:g} m from the tip")
-    away = np.abs(R.T @ R - np.eye(3)).max()
-    if away > 1e-6 or np.linalg.det(R) < 0.0 or not np.array_equal(T[3], last_row):
+    # A mirror is rigid to trimesh, too.
+    rigid = trimesh.transformations.is_rigid(T, epsilon=SINGLE_ROUNDING)
+    if not rigid or np.linalg.det(T[:3, :3]) < 0.0:
         words = "is no rotation above 0 0 0 1; normalise the quaternion"
         raise GraspError(field, T.tolist(), words)
-    return pin.SE3(R, T[:3, 3])
+    return pin.SE3(T[:3, :3], T[:3, 3])

@@ -5,23 +5,17 @@ from __future__ import annotations
 
 import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.convex_cover import (
-    Cover,
-    coarse_cover_in_words,
-    cover_tolerance,
-)
-from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
-from placement_planner_ros.core.body.covered_mesh import kept_cover
+from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker
+from placement_planner_ros.core.body.mesh_components import Triangles
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.robot.description import MAX_PARTS
@@ -46,44 +40,8 @@ MAX_ALL_TRIANGLES = 1_000_000
 PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
 """Package name -> its share folder, or folders that hold packages or relative mesh paths."""
 
-Triangles = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
-class LinkMesh:
-    """A mesh that is not convex, as a link has it.
-
-    Attributes:
-        link: for messages.
-        vertices: (n, 3) metres, scaled.
-        triangles: (t, 3) rows of vertices.
-    """
-
-    link: str
-    vertices: Array
-    triangles: Triangles
-
-    @property
-    def tolerance(self) -> float:
-        """Metres that its cover may reach beyond it."""
-        return cover_tolerance(self.vertices)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkCover(Cover):
-    """The cover of a link's mesh, and the mesh."""
-
-    mesh: LinkMesh
-
-
-CoverMaker = Callable[[Sequence[LinkMesh]], Sequence[Cover]]
-"""Makes the covers of all meshes of a robot."""
-
-
-def make_covers(meshes: Sequence[LinkMesh]) -> list[Cover]:
-    """The covers of these meshes, from disk where they were made before."""
-    return [kept_cover(mesh.vertices, mesh.triangles, mesh.tolerance) for mesh in meshes]
-
+_MeshKey = tuple[str, tuple[float, ...]] | None
+"""URI and scale of a mesh; None for a primitive."""
 
 MeshReader = Callable[[str], tuple[Array, Triangles]]
 """Vertices (n, 3) and triangles (t, 3) of the mesh that a URI names; one of `UNREADABLE` says why
@@ -92,13 +50,13 @@ there are none."""
 
 def build_geometry(
     root: ET.Element, model: pin.Model, files: PackageDirs | MeshReader, cover: CoverMaker
-) -> tuple[pin.GeometryModel, tuple[str, ...], tuple[LinkCover | None, ...], list[str]]:
+) -> tuple[pin.GeometryModel, tuple[str, ...], tuple[CoveredMesh | None, ...], list[str]]:
     """All <collision> elements of a URDF.
 
     Returns:
         the geometry model without collision pairs; of each of its objects the link and, where it
-        is a mesh that is not convex, the cover, one for all that share the mesh and its scale; and
-        what users should know of the meshes.
+        is one that is not convex, the mesh, the same for all with its file and scale; and what
+        users should know of the meshes.
 
     Raises:
         RobotError: a geometry is empty, not finite, flat, in millimetres, too large or not found.
@@ -111,7 +69,7 @@ def build_geometry(
     meshes = _Meshes(files if callable(files) else functools.partial(_read_below, files))
     geometry = pin.GeometryModel()
     links: list[str] = []
-    soups: list[LinkMesh | None] = []
+    keys: list[_MeshKey] = []
     notes: list[str] = []
     # Each shape of each link.
     for link in root.findall("link"):
@@ -120,7 +78,7 @@ def build_geometry(
         frame = model.frames[frame_id]
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
-            shape, soup = _read_shape(element, name, field, meshes)
+            shape, key = _read_shape(element, field, meshes)
             if shape is None:
                 notes.append(f"{field}: a shape of no size is left out")
                 continue
@@ -128,25 +86,22 @@ def build_geometry(
             thing = pin.GeometryObject(f"{name}_{index}", frame.parentJoint, frame_id, T, shape)
             geometry.addGeometryObject(thing)
             links.append(name)
-            soups.append(soup)
+            keys.append(key)
     # Covers of the meshes that are not convex, each once.
-    distinct = [soup for soup in dict.fromkeys(soups) if soup is not None]
-    made: dict[LinkMesh | None, LinkCover | None] = {None: None}
-    for soup, each in zip(distinct, cover(distinct), strict=True):
-        made[soup] = LinkCover(each.parts, each.excess, each.closed, soup)
-        if not each.closed:
-            words = "its mesh is not closed and counts as a sheet without an inside"
-            notes.append(f"link {soup.link}: {words}")
-        if words := coarse_cover_in_words(each, soup.tolerance):
-            notes.append(f"link {soup.link}: {words}")
-    return geometry, tuple(links), tuple(made[soup] for soup in soups), notes
+    made: dict[_MeshKey, CoveredMesh | None] = dict.fromkeys(keys)
+    for key, (vertices, triangles) in meshes.surfaces.items():
+        mesh = made[key] = CoveredMesh.of(vertices, triangles, cover)
+        sheet = "its mesh is not closed and counts as a sheet without an inside"
+        told = ["" if mesh.cover.closed else sheet, mesh.coarse_in_words]
+        notes += [f"link {links[keys.index(key)]}: {words}" for words in told if words]
+    return geometry, tuple(links), tuple(made[key] for key in keys), notes
 
 
 def _read_shape(
-    collision: ET.Element, link: str, field: str, meshes: _Meshes
-) -> tuple[coal.CollisionGeometry | None, LinkMesh | None]:
-    """The shape, and the mesh that it is if not convex; no shape of a primitive all of whose sizes
-    are 0, which some robots have where nothing is."""
+    collision: ET.Element, field: str, meshes: _Meshes
+) -> tuple[coal.CollisionGeometry | None, _MeshKey]:
+    """The shape, and which mesh it is; no shape of a primitive all of whose sizes are 0, which some
+    robots have where nothing is."""
     # One shape: a mesh, or a primitive with its sizes.
     shapes = collision.findall("geometry/*")
     if len(shapes) != 1:
@@ -154,7 +109,7 @@ def _read_shape(
     shape = shapes[0]
     if shape.tag == "mesh":
         scale = read_floats(shape.get("scale", "1 1 1"), 3, f"{field}: scale")
-        return meshes.shape(shape.get("filename", ""), scale, link, f"{field}: mesh")
+        return meshes.shape(shape.get("filename", ""), scale, f"{field}: mesh")
     if shape.tag not in PRIMITIVES:
         raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
     # Its sizes, all of them above zero.
@@ -175,18 +130,20 @@ def _read_below(package_dirs: PackageDirs, uri: str) -> tuple[Array, Triangles]:
     parts = urlparse(uri)
     if parts.scheme not in ("package", "file", ""):
         raise FileNotFoundError("use package://, file:// or a path")
-    # Folders that it may be below, and its path from there.
-    holders = [] if isinstance(package_dirs, Mapping) else [Path(each) for each in package_dirs]
-    named = [(folder.name, folder) for folder in holders]
-    if isinstance(package_dirs, Mapping):
-        named = [(name, Path(folder)) for name, folder in package_dirs.items()]
+    # Folders that it may be below by the names of packages, and its path from there.
+    named = (
+        package_dirs.items()
+        if isinstance(package_dirs, Mapping)
+        else [(Path(folder).name, folder) for folder in package_dirs]
+    )
+    folders = [(name, Path(folder)) for name, folder in named]
     path, package = unquote(parts.path) if parts.scheme else uri, parts.netloc
-    places = [Path(), *(folder for _, folder in named)]
+    places = [Path(), *(folder for _, folder in folders)]
     if parts.scheme == "package":
         if not package:
             raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
-        places = [folder for name, folder in named if name == package]
-        places += [folder / package for folder in holders]
+        places = [folder for name, folder in folders if name == package]
+        places += [folder / package for _, folder in folders]
         path = path.lstrip("/")
     for place in places:
         if (place / path).is_file():
@@ -196,18 +153,21 @@ def _read_below(package_dirs: PackageDirs, uri: str) -> tuple[Array, Triangles]:
 
 
 class _Meshes:
-    """The meshes of one robot as shapes, each read once."""
+    """The meshes of one robot as shapes, each read once.
+
+    Attributes:
+        surfaces: vertices (n, 3), metres, and triangles (t, 3) of those that are not convex.
+    """
 
     def __init__(self, read: MeshReader) -> None:
         self._read = read
         self._arrays: dict[str, tuple[Array, Triangles]] = {}
-        self._made: dict[Hashable, tuple[coal.CollisionGeometry, LinkMesh | None]] = {}
+        self._made: dict[_MeshKey, coal.CollisionGeometry] = {}
+        self.surfaces: dict[_MeshKey, tuple[Array, Triangles]] = {}
 
-    def shape(
-        self, uri: str, scale: Array, link: str, field: str
-    ) -> tuple[coal.CollisionGeometry, LinkMesh | None]:
+    def shape(self, uri: str, scale: Array, field: str) -> tuple[coal.CollisionGeometry, _MeshKey]:
         """The mesh a URI names, scaled by (3,) `scale`: a coal.Convex where it is convex, else its
-        triangles.
+        triangles; and which it is.
 
         Raises:
             RobotError: not found, unreadable or unusable.
@@ -215,7 +175,7 @@ class _Meshes:
         # One shape for each file and scale.
         key = (uri, tuple(scale))
         if key in self._made:
-            return self._made[key]
+            return self._made[key], key
         vertices, triangles = self._arrays_of(uri, field)
         vertices = vertices * scale
         if np.prod(scale) < 0.0:
@@ -228,12 +188,13 @@ class _Meshes:
         corners = vertices[triangles]
         if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
             raise RobotError(field, uri, "has no surface; check its scale")
-        part, soup = hull_if_convex(corners), LinkMesh(link, vertices, triangles)
+        part = hull_if_convex(corners)
         if part is None:
-            self._made[key] = triangle_geometry(vertices, triangles), soup
+            self._made[key] = triangle_geometry(vertices, triangles)
+            self.surfaces[key] = vertices, triangles
         else:
-            self._made[key] = convex_geometry(part), None
-        return self._made[key]
+            self._made[key] = convex_geometry(part)
+        return self._made[key], key
 
     def _arrays_of(self, uri: str, field: str) -> tuple[Array, Triangles]:
         # The file, read when it is first asked for.
@@ -252,15 +213,6 @@ class _Meshes:
         return self._arrays[uri]
 
 
-def convex_shape(points: Array) -> coal.Convex:
-    """The hull of points (n, 3) as a coal shape.
-
-    Raises:
-        QhullError: they have no volume.
-    """
-    return convex_geometry(polytope_of(points))
-
-
 def convex_geometry(part: ConvexPart) -> coal.Convex:
     """A polytope as a coal shape."""
     vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
@@ -271,12 +223,12 @@ def convex_geometry(part: ConvexPart) -> coal.Convex:
     return shape
 
 
-def triangle_geometry(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.BVHModelOBBRSS:
+def triangle_geometry(vertices: Array, triangles: Triangles) -> coal.BVHModelOBBRSS:
     """Triangles (t, 3) of vertices (n, 3) as a coal surface."""
     mesh = coal.BVHModelOBBRSS()
     # A tree of boxes over all triangles.
     mesh.beginModel(len(triangles), len(vertices))
-    mesh.addVertices(np.ascontiguousarray(vertices, np.float64))
+    mesh.addVertices(np.ascontiguousarray(vertices))
     mesh.addTriangles(np.ascontiguousarray(triangles, np.int32))
     mesh.endModel()
     mesh.computeLocalAABB()

@@ -27,12 +27,13 @@ and rails carry what hangs on them."""
 
 @dataclass(frozen=True, slots=True)
 class JointLimit:
-    """What is stated of one joint besides its URDF, rad or m and seconds; None where nothing is."""
+    """What is stated of one joint besides its URDF, rad or m and seconds; infinite where nothing
+    is."""
 
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    acceleration: float = math.inf
 
 
 def read_joint_limits(given: object) -> dict[str, JointLimit]:
@@ -65,12 +66,12 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
 
 
 def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
-    def number(end: str, kind: str) -> float | None:
+    def number(end: str, kind: str) -> float:
         # Nothing where the limit is not stated, or switched off.
         name = f"{end}_{kind}"
         value, field = values.get(name), f"{FIELD}: {joint}.{name}"
         if value is None or values.get(f"has_{kind}_limits") is False:
-            return None
+            return -math.inf if end == "min" else math.inf
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise RobotError(field, value, "give a number")
         value = abs(value) if kind == "deceleration" else value  # MoveIt's is negative
@@ -78,11 +79,9 @@ def _read_limits(joint: str, values: Mapping[object, object]) -> JointLimit:
             raise RobotError(field, value, "give a finite number, above zero unless a position")
         return float(value)
 
-    # The smaller of both accelerations.
-    rates = number("max", "acceleration"), number("max", "deceleration")
     return JointLimit(
         number("min", "position"),
         number("max", "position"),
         number("max", "velocity"),
-        min((rate for rate in rates if rate is not None), default=None),
+        min(number("max", "acceleration"), number("max", "deceleration")),
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from placement_planner_ros.core.errors import RobotError
@@ -87,18 +87,16 @@ def read_joint(
     lower, upper, endless = _read_range(element, field, stated, warnings)
     # The lowest of the rates that are stated; where none is usable, an assumed one.
     lever, unit = (SLIDING_LEVER_M, "m/s") if kind == "prismatic" else (1.0, "rad/s")
-    velocity = _lowest_rate(limit, ("velocity",), stated.velocity, MAX_VELOCITY, field)
-    accelerations = ("acceleration", "deceleration")
-    acceleration = _lowest_rate(
-        limit, accelerations, stated.acceleration, sys.float_info.max, field
-    )
-    rates = {"velocity": velocity, "acceleration": acceleration}
-    if velocity is None:
-        velocity = lever * ANGULAR_VELOCITY
+    names = "velocity", "acceleration", "deceleration"
+    speed, *rates = (read_number(limit, name, math.inf, field) for name in names)
+    velocity = _lowest_rate([speed, stated.velocity], MAX_VELOCITY)
+    acceleration = _lowest_rate([*rates, stated.acceleration], sys.float_info.max)
+    assumed = {"velocity": velocity is None, "acceleration": acceleration is None}
+    velocity = velocity or lever * ANGULAR_VELOCITY
+    acceleration = acceleration or lever * ANGULAR_ACCELERATION
+    if assumed["velocity"]:
         words = f"planned with {velocity:g} {unit}"
         warnings.append(f"{field} has no usable velocity limit: {words}")
-    if acceleration is None:
-        acceleration = lever * ANGULAR_ACCELERATION
     # The one form that pinocchio is given.
     element.set("type", "prismatic" if kind == "prismatic" else "revolute")
     if limit is None:
@@ -114,7 +112,7 @@ def read_joint(
         _read_mimic(name, elements, warnings),
         endless,
         kind == "prismatic",
-        tuple(what for what, rate in rates.items() if rate is None),
+        tuple(what for what, nobody in assumed.items() if nobody),
     )
 
 
@@ -135,8 +133,7 @@ def _read_range(
         lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
     # The narrower of it and what else is stated, then the soft limits.
     around = (lower, upper)
-    lower = lower if stated.lower is None else max(lower, stated.lower)
-    upper = upper if stated.upper is None else min(upper, stated.upper)
+    lower, upper = max(lower, stated.lower), min(upper, stated.upper)
     if lower > upper:
         remedy = f"leaves nothing of the URDF's range with {FIELD}; make them fit each other"
         raise RobotError(field, (lower, upper), remedy)
@@ -176,16 +173,8 @@ def _within_soft_limits(
     return lower, upper
 
 
-def _lowest_rate(
-    limit: ET.Element | None,
-    attributes: tuple[str, ...],
-    stated: float | None,
-    most: float,
-    field: str,
-) -> float | None:
-    """The lowest of the rates in a <limit> and the one stated elsewhere, up to `most`; or None."""
-    rates = [read_number(limit, attribute, math.inf, field) for attribute in attributes]
-    rates += [] if stated is None else [stated]
+def _lowest_rate(rates: Sequence[float], most: float) -> float | None:
+    """The lowest of those above 0 that are no greater than `most`; None where there is none."""
     return min((rate for rate in rates if 0.0 < rate <= most), default=None)
 
 

@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.errors import JointStateError, RobotError
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.arm_maker import derive_arm
 from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.robot.geometry import (
-    CoverMaker,
-    LinkCover,
     MeshReader,
     PackageDirs,
     build_geometry,
-    make_covers,
 )
 from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.joint_space import JointSpace
@@ -38,8 +36,8 @@ class Robot(JointSpace):
         model: pinocchio model, nq == nv == len(joint_names).
         geometry: collision geometry; its collision pairs are those self-collision checks need.
         geometry_links: link of each of geometry.geometryObjects.
-        covers: of each of geometry.geometryObjects that is a mesh and not convex a convex cover
-            with the mesh, the same for all with the same file and scale; of all others None.
+        meshes: of each of geometry.geometryObjects that is a mesh and not convex the mesh with its
+            cover, the same for all with the same file and scale; of all others None.
         assumed: of each joint which limits nobody states, "velocity" or "acceleration".
         allowed_pairs: sorted link pairs that self-collision checks leave out.
         left_out: those of them that no SRDF names, sorted, and why; None where there is an SRDF.
@@ -52,7 +50,7 @@ class Robot(JointSpace):
     model: pin.Model
     geometry: pin.GeometryModel
     geometry_links: tuple[str, ...]
-    covers: tuple[LinkCover | None, ...]
+    meshes: tuple[CoveredMesh | None, ...]
     assumed: Mapping[str, tuple[str, ...]]
     allowed_pairs: frozenset[pairs.Pair]
     left_out: Mapping[pairs.Pair, pairs.Reason] | None
@@ -66,7 +64,7 @@ class Robot(JointSpace):
         package_dirs: PackageDirs | MeshReader = (),
         srdf: str | None = None,
         joint_limits: Mapping[str, JointLimit] | None = None,
-        cover: CoverMaker = make_covers,
+        cover: CoverMaker = kept_cover,
     ) -> Robot:
         """Read a robot.
 
@@ -78,7 +76,7 @@ class Robot(JointSpace):
             srdf: text that lists disabled collisions; without it they are derived
                 (`derive_allowed_pairs`).
             joint_limits: what else is stated of joints (`read_joint_limits`).
-            cover: makes the covers of its meshes.
+            cover: makes the cover of each of its meshes.
 
         Raises:
             RobotError: the description or its geometry is unusable; the message names the part.
@@ -87,7 +85,7 @@ class Robot(JointSpace):
         description = read_urdf(urdf_text, joint_limits)
         model = description.build_model()
         joints = [description.joints[name] for name in model.names[1:]]  # as coordinates are
-        geometry, shape_links, covers, notes = build_geometry(
+        geometry, shape_links, meshes, notes = build_geometry(
             description.root, model, package_dirs, cover
         )
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
@@ -97,7 +95,7 @@ class Robot(JointSpace):
             model=model,
             geometry=geometry,
             geometry_links=shape_links,
-            covers=covers,
+            meshes=meshes,
             joint_names=tuple(joint.name for joint in joints),
             lower=np.array([joint.lower for joint in joints]),
             upper=np.array([joint.upper for joint in joints]),
@@ -237,41 +235,29 @@ class Robot(JointSpace):
             RobotError: no such link, or a joint moves it.
         """
         # A link that stands still.
-        if not self.has_link(frame):
-            words = "is no link of the robot; name one, add it by a fixed joint, or leave it empty"
-            raise RobotError("`root frame`", frame, words)
-        link = self.model.frames[self.frame_id(frame)]
-        if link.parentJoint != 0:
-            words = "moves; name a frame fixed to the robot's root"
-            raise RobotError("`root frame`", frame, words)
+        link = self.model.frames[self.frame_id(frame)] if self.has_link(frame) else None
+        if link is None or link.parentJoint != 0:
+            words = "is no link fixed to the robot's root; name one, add it by a fixed joint, or "
+            raise RobotError("`root frame`", frame, f"{words}leave it empty")
         # What hangs on the root directly moves; all else with it.
-        T, model, geometry = link.placement.inverse(), self.model.copy(), self.geometry.copy()
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0:
-                model.jointPlacements[joint] = T * model.jointPlacements[joint]
-        for each in [*model.frames, *geometry.geometryObjects]:
-            if each.parentJoint == 0 and each.name != "universe":
+        T, geometry = link.placement.inverse(), self.geometry.copy()
+        model = pin.appendModel(pin.Model(), self.model, 0, T)
+        for each in geometry.geometryObjects:
+            if each.parentJoint == 0:
                 each.placement = T * each.placement
         return replace(self, model=model, geometry=geometry, root_link=frame)
 
     def chain_joints(self, link: str) -> tuple[str, ...]:
         """Joints on the way from the root to a link, in their order; those that mimic, too."""
         joint = self.model.frames[self.frame_id(link)].parentJoint
-        names = []
-        while joint != 0:
-            names.append(str(self.model.names[joint]))
-            joint = self.model.parents[joint]
-        return tuple(reversed(names))
+        return tuple(str(self.model.names[each]) for each in self.model.supports[joint] if each)
 
-    def carried_links(self, frame_id: int) -> tuple[str, ...]:
+    def carried_links(self, frame_id: int) -> list[str]:
         """The link of a frame and every link it carries."""
         # Frames below it come after it.
-        carried = {frame_id}
+        carried, links = {frame_id}, []
         for index, frame in enumerate(self.model.frames):
-            if frame.parentFrame in carried and index != 0:
+            if index == frame_id or (index != 0 and frame.parentFrame in carried):
                 carried.add(index)
-        return tuple(
-            str(self.model.frames[i].name)
-            for i in sorted(carried)
-            if self.model.frames[i].type == pin.FrameType.BODY
-        )
+                links += [str(frame.name)] if frame.type == pin.FrameType.BODY else []
+        return links

@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.types import ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 if TYPE_CHECKING:
-    from placement_planner_ros.core.body.covered_mesh import CoveredMesh
-    from placement_planner_ros.core.robot.geometry import LinkMesh
     from placement_planner_ros.core.robot.model import Robot
 
 _CUBE = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
@@ -55,7 +54,7 @@ class Overlaps:
     def __init__(
         self,
         shapes: Sequence[coal.CollisionGeometry],
-        meshes: Sequence[LinkMesh | CoveredMesh | None],
+        meshes: Sequence[CoveredMesh | None],
     ) -> None:
         self.shapes = list(shapes)
         for shape in self.shapes:
@@ -68,7 +67,7 @@ class Overlaps:
     def of(cls, robot: Robot) -> Overlaps:
         """Of a robot's shapes."""
         shapes = [thing.geometry for thing in robot.geometry.geometryObjects]
-        return cls(shapes, link_meshes(robot))
+        return cls(shapes, robot.meshes)
 
     def near(
         self, rows: npt.NDArray[np.int64], placements: list[pin.SE3], margin: float = 0.0
@@ -139,13 +138,8 @@ class Overlaps:
         return any(_goes_around(mesh, point) for point in within)
 
 
-def link_meshes(robot: Robot) -> list[LinkMesh | None]:
-    """Of each of a robot's shapes the mesh that it is, where it is one that is not convex."""
-    return [None if cover is None else cover.mesh for cover in robot.covers]
-
-
 @weak_lru_cache("mesh", maxsize=1)
-def _piece_points(mesh: LinkMesh | CoveredMesh) -> Array:
+def _piece_points(mesh: CoveredMesh) -> Array:
     """(n, 3) a point of each connected piece, the largest pieces first: no more of them than an
     object may have."""
     pieces = Components.of(mesh.vertices, mesh.triangles)
@@ -153,7 +147,7 @@ def _piece_points(mesh: LinkMesh | CoveredMesh) -> Array:
     return np.asarray(pieces.corners[first[np.argsort(-size, kind="stable")[:MAX_PIECES]], 0])
 
 
-def _goes_around(mesh: LinkMesh | CoveredMesh, point: Array) -> bool:
+def _goes_around(mesh: CoveredMesh, point: Array) -> bool:
     """Whether a mesh goes around a point (3,): all of it where closed, by more than half the view
     where it is open."""
     # The solid angle of each triangle, added up.

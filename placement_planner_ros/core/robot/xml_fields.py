@@ -18,8 +18,8 @@ def read_xml(text: str, field: str) -> ET.Element:
     Raises:
         RobotError: not XML, or its root is not <robot>.
     """
-    if not isinstance(text, str):
-        raise RobotError(field, text, "give the text of the file, not its path")
+    if "<" not in str(text):
+        raise RobotError(field, text, "give the text of the file, which is XML")
     # Without namespaces, which need not be bound.
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
@@ -27,15 +27,10 @@ def read_xml(text: str, field: str) -> ET.Element:
         parser.Parse(text, True)
         root = builder.close()
     except (expat.ExpatError, ValueError) as error:  # ValueError: characters that no XML has
-        if not text.strip():
-            raise RobotError(field, text, "is empty; give the text of the file") from error
-        lines, number = text.splitlines(), getattr(error, "lineno", 1)
-        # What ends within an element was cut, or has lost an end tag.
-        cut = number >= len(lines) and "<" in text
-        wrong, whole = ("ends before it is complete", "whole ") if cut else ("is not XML", "")
-        where, line = f"{field}, line {number}", lines[:number][-1].strip()[:60]
-        remedy = f"{wrong} ({error}); give the {whole}text of the file"
-        raise RobotError(where, line, remedy) from error
+        number = getattr(error, "lineno", 1)
+        line = text.splitlines()[:number][-1].strip()[:60]
+        remedy = f"is not XML ({error}); give the whole text of the file"
+        raise RobotError(f"{field}, line {number}", line, remedy) from error
     if root.tag != "robot":
         raise RobotError(field, f"<{root.tag}>", "give a file whose root element is <robot>")
     return root

@@ -162,7 +162,7 @@ def _without(robot: Robot, links: Collection[str]) -> Robot:
         robot,
         geometry=geometry,
         geometry_links=tuple(robot.geometry_links[row] for row in rows),
-        covers=tuple(robot.covers[row] for row in rows),
+        meshes=tuple(robot.meshes[row] for row in rows),
     )
 
 

@@ -67,7 +67,7 @@ class MeshProcess:
         made: tuple[Array, Triangles] = self._ask(("read", path), PREPARING_S, PREPARING_S)
         return made
 
-    def cover(self, vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
+    def cover(self, vertices: Array, triangles: Triangles) -> Cover:
         """The convex cover of a mesh, as `core.body.convex_cover` makes it.
 
         Raises:
@@ -75,7 +75,7 @@ class MeshProcess:
             ProcessorTimeError: making it took longer than `COVER_TIME_S`.
             TimeoutError: it took four times as long, on a machine that is busy.
         """
-        request = "cover", vertices, triangles, tolerance
+        request = "cover", vertices, triangles
         made: Cover = self._ask(request, COVER_TIME_S, 4.0 * COVER_TIME_S)
         return made
 
@@ -135,24 +135,22 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
     return stored_result("read meshes", digest, read)
 
 
-def cover_in(
-    process: MeshProcess, vertices: Array, triangles: Triangles, tolerance: float
-) -> Cover:
+def cover_in(process: MeshProcess, vertices: Array, triangles: Triangles) -> Cover:
     """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
     long, which is kept, so as not to try again each time, or too much memory.
 
     Args:
-        vertices, triangles, tolerance: as of `convex_cover`.
+        vertices, triangles: as of `convex_cover`.
     """
 
     def make(*_: object) -> Cover:
         try:
-            return process.cover(vertices, triangles, tolerance)
+            return process.cover(vertices, triangles)
         except ProcessorTimeError:
             return hull_cover(vertices, triangles)
 
     try:
-        return kept_cover(vertices, triangles, tolerance, make)
+        return kept_cover(vertices, triangles, make)
     except (ValueError, TimeoutError):
         return hull_cover(vertices, triangles)
 

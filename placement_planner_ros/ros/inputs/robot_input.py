@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable
 from functools import partial
 from typing import Any
 
-from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import (
     ParameterError,
     RobotError,
@@ -15,7 +14,6 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.meshes.read import Triangles, check_header
 from placement_planner_ros.core.robot.announcement import Announcement, announce_arm
-from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -151,7 +149,7 @@ class RobotInput:
 
                 try:
                     made = Robot.from_urdf(
-                        urdf, mesh_of, srdf, self._limits, partial(covers_in, process)
+                        urdf, mesh_of, srdf, self._limits, partial(cover_in, process)
                     )
                     if self._frame not in ("", made.root_link):
                         made = made.seen_from(self._frame)
@@ -167,11 +165,6 @@ class RobotInput:
         key = object()  # the same text is read anew where it could not be before
         self.reading.want(key, read, lasting=True)
         return key
-
-
-def covers_in(process: MeshProcess, meshes: Sequence[LinkMesh]) -> list[Cover]:
-    """The cover of each mesh; its hull where that takes too long, or too much memory."""
-    return [cover_in(process, each.vertices, each.triangles, each.tolerance) for each in meshes]
 
 
 def _read_words(robot: Robot) -> str:
@@ -201,7 +194,7 @@ def _arm(robot: Robot, name: str, tip: str, parts: tuple[tuple[Any, ...], ...]) 
         tip,
         joints=joints or None,
         grasps=poses_from_list(f"{name}.grasps", grasps),
-        also_touch=touch_links,
+        touch_links=touch_links,
         gripper_joints=gripper_joints,
         gripper_open=gripper_open,
     )

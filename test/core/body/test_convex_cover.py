@@ -135,6 +135,6 @@ def own_cache(monkeypatch, tmp_path):
 
 def test_a_cover_of_an_object_is_kept(own_cache):
     mesh = np.asarray(RING.vertices), np.asarray(RING.faces)
-    first = covered_mesh.kept_cover(*mesh, 0.02).parts
-    again = covered_mesh.kept_cover(*mesh, 0.02, lambda *_: pytest.fail("made again")).parts
+    first = covered_mesh.kept_cover(*mesh).parts
+    again = covered_mesh.kept_cover(*mesh, lambda *_: pytest.fail("made again")).parts
     assert len(first) == len(again) > 1

@@ -1,5 +1,7 @@
 """The arm's collision checks against coal on every part and box; edges against dense samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -107,7 +109,7 @@ def mixed_setup(mixed):
         for _ in range(14)
     ]
     grasp = pin.SE3(pin.utils.rotate("y", 0.4), np.array([0.06, 0.0, 0.01]))
-    arm = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
+    arm = replace(mixed.arm("arm", "tip", grasps=[grasp]), touch_links=("ring",))
     held = AttachedObject(small_body((0.03, 0.1, 0.05)))
     return MovingArm(mixed, arm, np.zeros(4)), held, obstacles_of(*blocks)
 
@@ -259,7 +261,7 @@ def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
     post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
     urdf = SLIDER.replace('<link name="base"/>', post)
     robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
-    arm = robot.arm("arm", "ball", touch_links=[])
+    arm = replace(robot.arm("arm", "ball"), touch_links=())
     there = pin.SE3(pin.utils.rotate("z", 0.5 * np.pi), np.array([0.2, 0.1, 0.3]))
     checker = ArmCollision(
         MovingArm(robot, arm, np.zeros(2)),
@@ -314,14 +316,14 @@ def test_contact_leaves_out_the_object_against_its_support_only(slider):
 
 def test_placed_object_is_an_obstacle_to_all_but_the_touch_links(slider):
     there = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
-    arm = slider.arm("arm", "ball", touch_links=[])
+    touching = slider.arm("arm", "ball")
+    arm = replace(touching, touch_links=())
     checker = ArmCollision(
         MovingArm(slider, arm, np.zeros(2)), PlacedObject(small_body(), there), obstacles_of()
     )
     assert "the placed object" in checker.explain(np.array([0.48, 0.0]))
     assert checker.free(np.array([0.4, 0.0]))
     assert not checker.edge_free(np.array([0.4, 0.0]), np.array([0.6, 0.0]))
-    touching = slider.arm("arm", "ball", touch_links=["ball"])
     checker = ArmCollision(
         MovingArm(slider, touching, np.zeros(2)), PlacedObject(small_body(), there), obstacles_of()
     )

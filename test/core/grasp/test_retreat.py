@@ -272,7 +272,6 @@ def jaws(opened, depth=0.0, **start):
         "arm",
         "hand",
         grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -depth]))],
-        touch_links=["finger", "hand"],
         gripper_joints=["slide"],
         gripper_open=[opened],
     )

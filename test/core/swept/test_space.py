@@ -1,5 +1,7 @@
 """What is swept, against coal at many more configurations; and what counts as news."""
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -40,7 +42,7 @@ def obstacles():
 def holding(robot, obstacles):
     """An arm with a box before its tip."""
     box = trimesh.creation.box(BOX)
-    arm = robot.arm("arm", "tip", grasps=[HELD], touch_links=["ring"])
+    arm = replace(robot.arm("arm", "tip", grasps=[HELD]), touch_links=("ring",))
     moving = MovingArm(robot, arm, np.zeros(4))
     return ArmCollision(moving, AttachedObject(Body.from_mesh(box.vertices, box.faces)), obstacles)
 

@@ -9,10 +9,7 @@ import trimesh
 
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.inputs.mesh_process import (
-    MeshProcess,
-)
-from placement_planner_ros.ros.inputs.robot_input import covers_in
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in
 
 URDF = """<robot name="ring"><link name="base"><collision><geometry>
 <mesh filename="ring.stl"/></geometry></collision></link></robot>"""
@@ -26,14 +23,14 @@ def folder(monkeypatch, tmp_path):
 
 
 def read(folder, process):
-    return Robot.from_urdf(URDF, [folder], None, None, partial(covers_in, process))
+    return Robot.from_urdf(URDF, [folder], cover=partial(cover_in, process))
 
 
 def coarse(robot):
     """Whether the hull stands in, which users are told."""
-    (cover,) = robot.covers
+    (mesh,) = robot.meshes
     told = [words for words in robot.warnings if "its convex cover reaches" in words]
-    assert len(told) == int(len(cover.parts) == 1)
+    assert len(told) == int(len(mesh.cover.parts) == 1)
     return bool(told) and "link base" in told[0] and "a simpler mesh" in told[0]
 
 

@@ -80,7 +80,7 @@ def test_furniture_is_part_of_the_surroundings_where_it_is_and_no_more_of_the_ro
     assert np.allclose([low, high], [[0.25, 0.25, 0.49], [0.55, 0.55, 0.51]])
     assert "shelf" not in found.robot.geometry_links
     names = [thing.name for thing in found.robot.geometry.geometryObjects]
-    assert len(names) == len(found.robot.covers) == len(cell.geometry_links) - 1
+    assert len(names) == len(found.robot.meshes) == len(cell.geometry_links) - 1
     assert fixed_links(cell, ["tip"], ["shelf"]).robot is found.robot, "made once"
     pairs = {
         frozenset(found.robot.geometry_links[i] for i in (pair.first, pair.second))
