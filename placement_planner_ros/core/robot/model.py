@@ -240,10 +240,12 @@ class Robot(JointSpace):
             words = "is no link fixed to the robot's root; name one, add it by a fixed joint, or "
             raise RobotError("`root frame`", frame, f"{words}leave it empty")
         # What hangs on the root directly moves; all else with it.
-        T, geometry = link.placement.inverse(), self.geometry.copy()
-        model = pin.appendModel(pin.Model(), self.model, 0, T)
-        for each in geometry.geometryObjects:
-            if each.parentJoint == 0:
+        T, model, geometry = link.placement.inverse(), self.model.copy(), self.geometry.copy()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = T * model.jointPlacements[joint]
+        for each in [*model.frames, *geometry.geometryObjects]:
+            if each.parentJoint == 0 and each.name != "universe":
                 each.placement = T * each.placement
         return replace(self, model=model, geometry=geometry, root_link=frame)
 

@@ -78,8 +78,8 @@ def test_a_mesh_of_fronts_and_backs_is_the_solid_that_its_fronts_enclose(between
     front, back = cup.faces, cup.faces[:, ::-1]
     both = np.stack([front, back], axis=1 if between else 0).reshape(-1, 3)
     made, right = (
-        Body.from_mesh(cup.vertices, both, cover=lambda v, t, _: hull_cover(v, t)),
-        body_of(cup, cover=lambda v, t, _: hull_cover(v, t)),
+        Body.from_mesh(cup.vertices, both, cover=hull_cover),
+        body_of(cup, cover=hull_cover),
     )
     assert made.warnings == right.warnings
     np.testing.assert_allclose(made.center_of_mass, right.center_of_mass, atol=1e-9)
