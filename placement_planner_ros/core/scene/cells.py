@@ -256,19 +256,25 @@ def boxes_of_cells(
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _one_surface(
-    lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
+    lower: Array,
+    upper: Array,
+    p: int,
+    q: int,
+    axis: int,
+    skin: float,
+    cell_size: float,
+    thick: bool,
 ) -> bool:
     """Whether boxes p and q, neighbours along `axis`, belong to one surface that p goes on along.
 
     Either both are flat in the same other direction and at one level, or both overlap (nearly) in
-    both other directions and p is no thin sheet across `axis`.
+    both other directions and p is `thick` along `axis`, no thin sheet across it.
     """
     b, c = (axis + 1) % 3, (axis + 2) % 3
     # how far apart they are in the other directions, negative where they overlap
     gap_b = max(lower[p, b] - upper[q, b], lower[q, b] - upper[p, b])
     gap_c = max(lower[p, c] - upper[q, c], lower[q, c] - upper[p, c])
-    # whether p reaches far enough along `axis` to be no thin sheet
-    overlap = upper[p, axis] - lower[p, axis] > 0.2 * cell_size
+    overlap = thick
     for turn in range(2):
         flat, level, along = (b, gap_b, gap_c) if turn == 0 else (c, gap_c, gap_b)
         size_p, size_q = upper[p, flat] - lower[p, flat], upper[q, flat] - lower[q, flat]
@@ -296,6 +302,11 @@ def close_gaps(
     for p in range(len(cells)):
         for axis in range(3):
             b, c = (axis + 1) % 3, (axis + 2) % 3
+            # across a thin sheet goes on what is flat in another direction, too, or nothing
+            thick = upper[p, axis] - lower[p, axis] > 0.2 * cell_size
+            narrow = min(upper[p, b] - lower[p, b], upper[p, c] - lower[p, c]) <= 2.0 * skin
+            if not (thick or narrow):
+                continue
             for side in range(-1, 2, 2):
                 # the face on that side and the cell behind it
                 face = origin[axis] + (cells[p, axis] + (side > 0)) * cell_size
@@ -312,7 +323,7 @@ def close_gaps(
                     # any box of that cell that is of the same surface closes the gap
                     q = number_at[cell[0], cell[1], cell[2]] - 1
                     while q >= 0 and not closed:
-                        closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
+                        closed = _one_surface(lower, upper, p, q, axis, skin, cell_size, thick)
                         q = boxes.next[q]
                     if closed:
                         break

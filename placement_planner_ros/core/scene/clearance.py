@@ -23,7 +23,6 @@ from placement_planner_ros.core.scene.rasters import (
     MOST_HEIGHTS,
     MOST_PIXELS,
     Field,
-    Index,
     hand_on_nearest,
 )
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
@@ -114,15 +113,19 @@ class ClearanceField:
         rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
         faces, number = _slices_of_ends(runs.end, float(volume.lower[2] - rises.max(axis=0).sum()))
         order = np.argsort(-number, kind="stable")
-        ordered = Runs(*(np.ascontiguousarray(each[order]) for each in runs))
-        values = _fill_slices(
-            ordered,
+        elements = np.zeros((len(order), 4))
+        elements[:, :2] = (runs.at[order] - low) / pixel + before
+        values = np.full((len(faces) - 1, *kept, 2), np.float32(CAP))
+        shape = before + kept + after
+        _fill_slices(
+            elements,
+            runs.bottom[order],
             number[order],
             faces,
-            low - before * pixel,
             pixel,
-            tuple(before + kept + after),
-            (slice(before[0], before[0] + kept[0]), slice(before[1], before[1] + kept[1])),
+            (int(shape[0]), int(shape[1])),
+            before,
+            values,
         )
         for array in (values, faces, low):
             array.setflags(write=False)
@@ -205,8 +208,8 @@ def _runs_of_columns(
         first: (2,) the first of the columns in which the boxes lie, of that shape.
     """
     # how many points each column has
-    column_of = np.full(len(points), -1, np.int64)
-    start = np.zeros(shape[0] * shape[1] + 1, np.int64)
+    column_of = np.full(len(points), -1, np.int32)
+    start = np.zeros(shape[0] * shape[1] + 1, np.int32)
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         # only what lies in one of the boxes
@@ -247,10 +250,11 @@ def _runs_of_columns(
             continue
         # from cell to cell they are upwards already
         for k in range(1, len(own)):
-            x, y, z = own[k]
+            x, y, z = own[k, 0], own[k, 1], own[k, 2]
             m = k
             while m > 0 and own[m - 1, 2] > z:
-                own[m] = own[m - 1]
+                for a in range(3):
+                    own[m, a] = own[m - 1, a]
                 m -= 1
             own[m, 0], own[m, 1], own[m, 2] = x, y, z
         # of each run the mean of x and y, its lowest and its highest point
@@ -272,9 +276,8 @@ def _runs_of_columns(
 def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64]]:
     """Faces of the slices, the lowest first, and the slice that each run ends at.
 
-    Of more than `MOST_HEIGHTS`, those at which few runs end, near to others, are joined with these,
-    as by Ward. From `low` on
-    slices are no thicker than `SLICE_M`.
+    Of more than `MOST_HEIGHTS`, those at which few runs end, near to others, are joined with these.
+    From `low` on slices are no thicker than `SLICE_M`.
     """
     if len(end) == 0:
         return np.zeros(1), np.zeros(0, np.int64)
@@ -293,30 +296,29 @@ def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64
     return faces, (parts.cumsum() - 1)[group[of_run]]
 
 
-@njit(cache=True, nogil=True)
 def _joined_ends(height: Array, weight: Array, most: int) -> tuple[Array, npt.NDArray[np.int64]]:
     """So many heights at most, and (n,) which of them each of the heights (n,), ascending, is of.
+
+    As by Ward: neighbours are joined at their mean that lose less than either would with another,
+    those first that lose least.
 
     Args:
         weight: (n,) how many runs end at each.
     """
-    n, group = len(height), np.arange(len(height))
-    while n > most:
-        # the two neighbours that lose least
-        least, k = math.inf, 0
-        for m in range(n - 1):
-            both = weight[m] + weight[m + 1]
-            cost = weight[m] * weight[m + 1] / both * (height[m + 1] - height[m]) ** 2
-            if cost < least:
-                least, k = cost, m
-        # joined at their weighted mean; those above move down by one
-        both = weight[k] + weight[k + 1]
-        height[k] = (weight[k] * height[k] + weight[k + 1] * height[k + 1]) / both
-        weight[k] = both
-        height[k + 1 : n - 1], weight[k + 1 : n - 1] = height[k + 2 : n], weight[k + 2 : n]
-        group[group > k] -= 1
-        n -= 1
-    return height[:n].copy(), group
+    group = np.arange(len(height))
+    while len(height) > most:
+        cost = weight[:-1] * weight[1:] / (weight[:-1] + weight[1:]) * np.diff(height) ** 2
+        beside = np.pad(cost, 1, constant_values=np.inf)
+        pairs = np.flatnonzero((cost < beside[:-2]) & (cost <= beside[2:]))
+        # half of what are too many at a time, as joined ones may lose less again
+        few = np.argsort(cost[pairs], kind="stable")[: (len(height) - most + 1) // 2]
+        begins = np.ones(len(height), np.bool_)
+        begins[pairs[few] + 1] = False
+        of_height = begins.cumsum() - 1
+        moment = np.bincount(of_height, weights=weight * height)
+        weight = np.bincount(of_height, weights=weight)
+        height, group = moment / weight, of_height[group]
+    return height, group
 
 
 def _contiguous_view(values: Array) -> Array:
@@ -326,66 +328,56 @@ def _contiguous_view(values: Array) -> Array:
     return view
 
 
-def _fill_slices(
-    runs: Runs,
-    number: npt.NDArray[np.int64],
-    faces: Array,
-    origin: Array,
-    pixel: float,
-    shape: tuple[int, int],
-    kept: tuple[slice, slice],
-) -> Field:
-    """`ClearanceTable.values` of those pixels of a raster, of that shape, that are kept.
-
-    Args:
-        number: (n,) the slice that each run ends at, the highest first.
-        origin: (2,) of the raster, which holds all runs.
-    """
-    slices = len(faces) - 1
-    elements = np.zeros((len(number), 4))
-    elements[:, :2] = (runs.at - origin) / pixel
-    near, who = np.full(shape, np.float32(CAP / pixel)), np.full(shape, np.int32(-1))
-    values = np.full((slices, *near[kept].shape, 2), np.float32(CAP))
-    first = np.array([each.start for each in kept])
-    ended = np.searchsorted(-number, -np.arange(slices), side="right")  # in or above each slice
-    for s in range(slices - 1, -1, -1):
-        low, high = faces[s], faces[s + 1]
-        bottom, inside = runs.bottom[: ended[s]], elements[: ended[s]]
-        inside[:, 2] = (np.maximum(bottom - 0.5 * (low + high), 0.0) / pixel) ** 2
-        # what ends at the slice's upper face comes in, and what stands beside this slice comes in
-        # again: where a wall meets a ceiling, that was nearer further up
-        entering = np.flatnonzero((number[: ended[s]] == s) | (bottom < high))
-        hand_on_nearest(inside, entering, near, who)
-        told = np.ascontiguousarray(who[kept])
-        _face_distances(elements, runs.bottom, told, first, pixel, (low, high), values[s])
-    return values
-
-
 @njit(cache=True, nogil=True)
-def _face_distances(
+def _fill_slices(
     elements: Array,
     bottom: Array,
-    who: Index,
-    first: npt.NDArray[np.int64],
+    number: npt.NDArray[np.int64],
+    faces: Array,
     pixel: float,
-    faces: tuple[float, float],
+    shape: tuple[int, int],
+    first: npt.NDArray[np.int64],
     values: Field,
 ) -> None:
-    """Lower values (nx, ny, 2) to the distance at each of two heights to the runs told, metres."""
-    nx, ny = who.shape
-    for i in range(nx):
-        for j in range(ny):
-            k = who[i, j]
-            if k < 0:
-                continue
-            # sideways from the pixel to its run
-            dx = (elements[k, 0] - i - first[0]) * pixel
-            dy = (elements[k, 1] - j - first[1]) * pixel
-            for face in range(2):
-                # and up to where that begins, if it is above
-                up = max(bottom[k] - faces[face], 0.0)
-                distance = math.sqrt(dx * dx + dy * dy + up * up)
-                values[i, j, face] = min(np.float32(distance), values[i, j, face])
+    """Lower `ClearanceTable.values`, which are at the cap.
+
+    Args:
+        elements: (n, 4) the runs as `hand_on_nearest` takes them, those that end highest first.
+        bottom: (n,) of them, m.
+        number: (n,) the slice that each ends at.
+        shape: of the raster, which holds all runs.
+        first: (2,) the first of its pixels whose values are kept.
+    """
+    near, who = np.full(shape, np.float32(CAP / pixel)), np.full(shape, np.int32(-1))
+    slices, nx, ny = values.shape[:3]
+    entering, ended = np.empty(len(number), np.int64), 0
+    for s in range(slices - 1, -1, -1):
+        # those that end in or above this slice, with how far they begin above its middle
+        while ended < len(number) and number[ended] >= s:
+            ended += 1
+        count = 0
+        for k in range(ended):
+            above = max(bottom[k] - 0.5 * (faces[s] + faces[s + 1]), 0.0) / pixel
+            elements[k, 2] = above * above
+            # what ends at the slice's upper face comes in, and what stands beside this slice comes
+            # in again: where a wall meets a ceiling, that was nearer further up
+            if number[k] == s or bottom[k] < faces[s + 1]:
+                entering[count] = k
+                count += 1
+        hand_on_nearest(elements[:ended], entering[:count], near, who)
+        for i in range(nx):
+            for j in range(ny):
+                k = who[first[0] + i, first[1] + j]
+                if k < 0:
+                    continue
+                # sideways from the pixel to its run
+                dx = (elements[k, 0] - i - first[0]) * pixel
+                dy = (elements[k, 1] - j - first[1]) * pixel
+                for face in range(2):
+                    # and up to where that begins, if it is above
+                    up = max(bottom[k] - faces[s + face], 0.0)
+                    distance = np.float32(math.sqrt(dx * dx + dy * dy + up * up))
+                    values[s, i, j, face] = min(distance, values[s, i, j, face])
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
 
 AROUND_M, CLEAR_M = 0.35, 0.1
@@ -98,47 +98,20 @@ def crop_cloud(
         CloudError: see `checked_cloud` and `checked_bounds`.
     """
     cloud = checked_cloud(points)
-    count, extent = finite_extent(cloud)
-    if bounds is None:  # around the points alone, a level surface had no room above
-        bounds = np.fmin(extent[0], volume[0]), np.fmax(extent[1], volume[1])
-    reach = checked_bounds(bounds)
-    # with two cells around all points
-    held = cropped(*reach, cloud, 2.0 * cell_size) or volume
-    return CroppedCloud(cloud[thinned(cloud, cell_size, *held)], count, extent, reach, held)
-
-
-def cropped(lower: Array, upper: Array, points: Array, rim: float) -> tuple[Array, Array] | None:
-    """The part of the box from `lower` to `upper` (3,) that points (n, 3) lie in; None if none do.
-
-    Args:
-        rim: m around the points that are part of it, too.
-    """
-    count, low, high = _extent_within(np.ascontiguousarray(points, np.float64), lower, upper)
-    if not count:
-        return None
-    return np.maximum(lower, low - rim), np.minimum(upper, high + rim)
+    reach = checked_bounds(bounds) if bounds is not None else None
+    within = (-np.inf, np.inf) if reach is None else reach
+    rows, count, extent, held = _thinned_and_extents(cloud, cell_size, *within)
+    if reach is None:  # around the points alone, a level surface had no room above
+        reach = np.fmin(extent[0], volume[0]), np.fmax(extent[1], volume[1])
+    if len(rows):  # with two cells around all points
+        low, high = held[0] - 2.0 * cell_size, held[1] + 2.0 * cell_size
+        volume = np.maximum(reach[0], low), np.minimum(reach[1], high)
+    return CroppedCloud(cloud.take(rows, axis=0), count, extent, reach, volume)
 
 
 def finite_extent(points: Array) -> tuple[int, Array]:
     """How many of the points (n, 3) are finite; their corners (2, 3), NaN where there are none."""
-    most = np.full(3, np.finfo(np.float64).max)
-    count, low, high = _extent_within(np.ascontiguousarray(points, np.float64), -most, most)
-    return count, np.array([low, high]) if count else np.full((2, 3), np.nan)
-
-
-@njit(cache=True, nogil=True)
-def _extent_within(points: Array, lower: Array, upper: Array) -> tuple[int, Array, Array]:
-    """How many of (n, 3) points lie within corners (3,), and those of the box around them."""
-    low, high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
-    for row in range(len(points)):
-        x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        # also false where a coordinate is NaN
-        if lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]:
-            count += 1
-            for axis, value in ((0, x), (1, y), (2, z)):
-                low[axis] = min(low[axis], value)
-                high[axis] = max(high[axis], value)
-    return count, low, high
+    return _thinned_and_extents(points, 1.0, -np.inf, np.inf)[1:3]
 
 
 def thinned(
@@ -153,11 +126,20 @@ def thinned(
     Args:
         lower, upper: corners (3,) outside of which none are kept.
     """
+    return _thinned_and_extents(points, cell_size, lower, upper)[0]
+
+
+def _thinned_and_extents(
+    points: Array, cell_size: float, lower: npt.ArrayLike, upper: npt.ArrayLike
+) -> tuple[npt.NDArray[np.int64], int, Array, Array]:
+    """`thinned`, `finite_extent`, and the corners (2, 3) of what lies within those given."""
     slots = 1 << max(math.ceil(math.log2(2 * len(points) + 2)), 4)
-    low, high = (
-        np.broadcast_to(np.asarray(end, np.float64), (3,)).copy() for end in (lower, upper)
+    within = np.array(
+        [np.broadcast_to(np.asarray(end, np.float64), (3,)) for end in (lower, upper)]
     )
-    return np.asarray(_thin_evenly(np.ascontiguousarray(points), cell_size, low, high, slots))
+    rows, count, extents = _thin_evenly(kernel_input(points), cell_size, within, slots)
+    extents[~np.isfinite(extents).all(axis=(1, 2))] = np.nan
+    return rows, count, extents[0], extents[1]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -178,20 +160,33 @@ def _slot_of(
 
 @njit(cache=True, nogil=True)
 def _thin_evenly(
-    points: Array, cell_size: float, lower: Array, upper: Array, slots: int
-) -> npt.NDArray[np.int64]:
-    """`thinned`; cells are found by a hash table of so many slots, a power of two."""
-    n = len(points)
-    known, number_at = np.empty((n, 3), np.int64), np.zeros(slots, np.int32)
+    points: Array, cell_size: float, within: Array, slots: int
+) -> tuple[npt.NDArray[np.int64], int, Array]:
+    """`thinned`, to corners (2, 3); how many are finite; the corners (2, 2, 3) of these, and of
+    those within. Cells are found by a hash table of so many slots, a power of two."""
+    n, finite = len(points), 0
+    extents = np.empty((2, 2, 3))
+    extents[:, 0], extents[:, 1] = np.inf, -np.inf
+    known, number_at = np.empty((n, 3), np.int32), np.zeros(slots, np.int32)
     cell_of, count = np.full(n, np.int32(-1)), np.empty(n, np.int32)
     cells = slot = 0
     last = (0, 0, 0)
     # which cell each point is of, and how many each has
     for p in range(n):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        if not (
-            lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]
-        ) or math.isinf(x + y + z):  # also where a coordinate is NaN
+        if not math.isfinite(x + y + z):
+            continue
+        finite += 1
+        inside = (
+            within[0, 0] <= x <= within[1, 0]
+            and within[0, 1] <= y <= within[1, 1]
+            and within[0, 2] <= z <= within[1, 2]
+        )
+        for a, value in ((0, x), (1, y), (2, z)):
+            for which in range(1 + inside):
+                extents[which, 0, a] = min(extents[which, 0, a], value)
+                extents[which, 1, a] = max(extents[which, 1, a], value)
+        if not inside:
             continue
         cell = math.floor(x / cell_size), math.floor(y / cell_size), math.floor(z / cell_size)
         if cell != last or cells == 0:  # neighbours are mostly of one cell
@@ -223,9 +218,12 @@ def _thin_evenly(
         c = cell_of[p]
         if c < 0:
             continue
-        turns = (c + passed[c]) * _GOLDEN
-        passed[c] += 1
-        if most[c] <= DENSE_POINTS or (turns - math.floor(turns)) * most[c] < CELL_POINTS:
+        dense = most[c] > DENSE_POINTS
+        if dense:
+            turns = (c + passed[c]) * _GOLDEN
+            passed[c] += 1
+            dense = (turns - math.floor(turns)) * most[c] >= CELL_POINTS
+        if not dense:
             rows[kept] = p
             kept += 1
-    return rows[:kept]
+    return rows[:kept], finite, extents

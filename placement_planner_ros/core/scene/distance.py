@@ -136,7 +136,13 @@ def _distance_bound(
             last += 1
         i, j = cells[first, 0] - first_cell[0], cells[first, 1] - first_cell[1]
         column_used[i, j] = plane_used[i] = True
-        _within_column(boxes, first, last, cap, first_cell[2], values[i, j])
+        # the least square in z from the middle of each of its cells to any of them
+        column, z = values[i, j], boxes.origin[2] + (first_cell[2] + 0.5) * size
+        for r in range(first, last):
+            low, high = boxes.lower[r, 2] - z, boxes.upper[r, 2] - z
+            for k in range(nz):
+                away = np.float32(max(low - k * size, k * size - high, 0.0))
+                column[k] = min(column[k], away * away)
         first = last
     # counted is up to the near face of a line's cells
     gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)
@@ -155,36 +161,7 @@ def _distance_bound(
     _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _within_column(
-    boxes: ObstacleArrays, first: int, last: int, cap: float, layer: int, squared: Field
-) -> None:
-    """Squared distance in z from cells of a column (nz,), from `layer` on, to boxes first..last."""
-    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
-    near = first
-    for k in range(layer, layer + len(squared)):
-        # from the middle of this cell
-        z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
-        # the first box that is not in a lower layer
-        while near < last and cells[near, 2] < k:
-            near += 1
-        best = cap
-        # boxes of this layer, and those next to it below and above
-        for r in range(near - 1, first - 1, -1):
-            best = min(best, max(0.0, z - upper[r, 2]))
-            if cells[r, 2] < cells[near - 1, 2]:
-                break
-        above = cells[near, 2] if near < last else 0
-        for r in range(near, last):
-            if cells[r, 2] > above:
-                if above > k:
-                    break
-                above = cells[r, 2]
-            best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
-        squared[k - layer] = best * best
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, fastmath={"nnan", "nsz", "reassoc"})
 def _lower_lines(
     targets: Field, slab: Field, used: npt.NDArray[np.bool_], gaps: Field, greatest: float
 ) -> None:
@@ -205,9 +182,13 @@ def _lower_lines(
             # no further than where it is lower than its neighbour by enough
             reach = min(steps, lines - 1 - source if side > 0 else source)
             if reach > 0:
-                above = _most_above(slab[source], slab[source + side]) + _ROUNDED * greatest
+                most, line, other = np.float32(0.0), slab[source], slab[source + side]
+                for k in range(len(line)):  # many at once
+                    above = other[k] - line[k]
+                    most = above if above > most else most
                 for step in range(1, reach + 1):
-                    if float(gaps[step]) - float(gaps[step - 1]) >= above:
+                    nearer = float(gaps[step]) - float(gaps[step - 1])
+                    if nearer >= float(most) + _ROUNDED * greatest:
                         reach = step - 1
                         break
             # lower the lines within that reach
@@ -216,16 +197,6 @@ def _lower_lines(
                 for k in range(len(target)):
                     candidate = line[k] + gap
                     target[k] = candidate if candidate < target[k] else target[k]
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, fastmath={"nnan", "nsz", "reassoc"})
-def _most_above(line: Field, other: Field) -> float:
-    """By how much another line is above one at most."""
-    most = np.float32(0.0)
-    for k in range(len(line)):  # many at once
-        above = other[k] - line[k]
-        most = above if above > most else most
-    return float(most)
 
 
 @njit(cache=True, nogil=True)

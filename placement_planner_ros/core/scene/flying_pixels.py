@@ -194,45 +194,18 @@ def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
     return count
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _off_line(seen: SeenPixels, p: int, q: int, o: int) -> float:
-    """How far beyond point p the line from o through q, extended by as much, ends, metres.
-
-    Infinite where q is not in the middle between p and o, or too steeply seen.
-    """
-    # from p to q, and how far o is from twice that, which is straight to half a pixel
-    u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
-    s, t = seen.at[o, 0] - seen.at[p, 0] - 2.0 * u, seen.at[o, 1] - seen.at[p, 1] - 2.0 * v
-    if s * s + t * t > 0.5 * 0.5:
-        return math.inf
-    # metres from p to q across the line of sight
-    aside = math.sqrt(u * u + v * v) * seen.pitch * seen.range[p]
-    if abs(seen.range[q] - seen.range[o]) > STEEPEST * aside:
-        return math.inf
-    return 2.0 * seen.range[q] - seen.range[o] - seen.range[p]
-
-
 @njit(cache=True, nogil=True)
 def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, float]:
     """(k,) how far some points are from a line that leads to them, metres.
 
     And which share of them has another one in the very same direction.
     """
-    found = np.empty(len(seen.row) // stride + 1)
+    found, everything = np.empty(len(seen.row) // stride + 1), np.ones(len(seen.row), np.bool_)
     k = asked = crowded = 0
     for p in range(0, len(seen.row), stride):
         asked += 1
         crowded += _pixels_around(seen, p, 0.5 * 0.5, near) > 0
-        # the first line found, over one of the 8 neighbours
-        count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + 0.5, near)
-        off = math.inf
-        for q in near[:count]:
-            u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
-            if u * u + v * v > BESIDE_PIXELS * BESIDE_PIXELS:
-                continue
-            for o in near[:count]:
-                if o != q and off == math.inf:
-                    off = abs(_off_line(seen, p, q, o))
+        off = _off_line(seen, p, math.inf, everything, near)
         if off < math.inf:
             found[k] = off
             k += 1
@@ -255,8 +228,12 @@ def _in_piece(seen: SeenPixels, p: int, tolerance: float, near: Rows) -> bool:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> bool:
-    """Whether a line through two points that stay, one behind the other, leads to point p."""
+def _off_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> float:
+    """How far point p is from the first line found that leads to it, no more than the tolerance
+    away, through two points that stay, one behind the other; infinite without any.
+
+    Such a line is straight to half a pixel, and not too steeply seen.
+    """
     count = _pixels_around(seen, p, 2.0 * BESIDE_PIXELS + 0.5, near)
     for i in range(count):
         q = near[i]
@@ -264,14 +241,20 @@ def _in_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows
         u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
         if u * u + v * v > BESIDE_PIXELS * BESIDE_PIXELS or not alive[q]:
             continue
+        # metres from there to p across the line of sight
+        aside = math.sqrt(u * u + v * v) * seen.pitch * seen.range[p]
         for j in range(count):
             o = near[j]
-            # first what rules most of them out
-            if abs(2.0 * seen.range[q] - seen.range[o] - seen.range[p]) > tolerance:
+            # how far beyond p the line from o through q, extended by as much, ends
+            off = abs(2.0 * seen.range[q] - seen.range[o] - seen.range[p])
+            if off > tolerance or o == q or not alive[o]:
                 continue
-            if o != q and alive[o] and abs(_off_line(seen, p, q, o)) <= tolerance:
-                return True
-    return False
+            # how far o is from where it is straight
+            s, t = seen.at[o, 0] - seen.at[p, 0] - 2.0 * u, seen.at[o, 1] - seen.at[p, 1] - 2.0 * v
+            steep = abs(seen.range[q] - seen.range[o]) > STEEPEST * aside
+            if s * s + t * t <= 0.5 * 0.5 and not steep:
+                return off
+    return math.inf
 
 
 @njit(cache=True, nogil=True)
@@ -304,7 +287,7 @@ def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows)
         changed = False
         for p in doubtful[:count]:
             tolerance = max(least, seen.pitch * seen.range[p])
-            if alive[p] and not _in_line(seen, p, tolerance, alive, near):
+            if alive[p] and _off_line(seen, p, tolerance, alive, near) > tolerance:
                 alive[p] = False
                 changed = True
     return ~alive

@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import label, map_coordinates, maximum_filter, uniform_filter
+from numba import njit
+from scipy.ndimage import label, map_coordinates, maximum_filter
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, STEP_M, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import View
@@ -35,7 +36,9 @@ from placement_planner_ros.core.scene.rasters import (
     Index,
     Mask,
     hand_on_nearest,
+    pixel_sums,
     widest_empty_disc,
+    window_sums,
 )
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
 
@@ -103,40 +106,37 @@ class SlopeCloud:
     sights: Sequence[View] = ()
 
     @cached_property
-    def _around(self) -> tuple[Array, Array]:
-        """x and y (n, 2) and heights (n,) of the points around V."""
-        low, high = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
-        rows = np.flatnonzero(_within(self.points, low, high))
-        x, y, z = self.points.take(rows, axis=0).T.astype(np.float64, order="C")
-        return np.column_stack([x, y]), z - self.slope[0] * x - self.slope[1] * y
-
-    @cached_property
     def _rays(self) -> list[_Sight]:
         return [_Sight(view, self.slope) for view in self.sights]
 
-    def between(self, low: float, high: float) -> tuple[Array, Array]:
-        """xy (n, 2) and heights (n,) of the points higher than `low` and no higher than `high`."""
-        points, heights = self._around
-        rows = np.flatnonzero((heights > low) & (heights <= high))
-        return points.take(rows, axis=0), heights.take(rows)
-
-    def on_surface(self, height: float, reach: float, band: float) -> tuple[Array, Array, int]:
-        """`between` of the points no more than `band` from a height, in the columns of tops no more
-        than `reach` from it and in those beside; how many such tops there are."""
+    def points_at(
+        self, height: float, reach: float, band: float, rise: float
+    ) -> tuple[Array, Array, int]:
+        """x, y and heights (n, 3) of the points no more than `band` from a height, in the columns
+        of tops no more than `reach` from it and in those beside; of what rises, above the height
+        `rise` by up to `STEP_M`, wherever; how many such tops there are, and if none, no points."""
         near = self.tops[np.abs(self.tops[:, 2] - height) <= reach, :2]
         if len(near) == 0:
-            return np.zeros((0, 2)), np.zeros(0), 0
+            return np.zeros((0, 3)), np.zeros((0, 3)), 0
         corner = near.min(axis=0) - 2.0 * self.cell_size
         # their columns of cells, and those beside
         cells = ((near - corner) / self.cell_size).astype(np.int64)
         columns = np.zeros(cells.max(axis=0) + 3, np.bool_)
         columns[tuple(cells.T)] = True
         columns = maximum_filter(columns, 3)
-        points, heights = self.between(height - band, height + band)
-        at = (points - corner) / self.cell_size
+        points = np.ascontiguousarray(self.points, np.float32).view()
+        points.setflags(write=False)
+        low, high = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
+        found = _points_between(
+            points, self.slope, np.stack([low, high]), height - band, rise + STEP_M
+        )
+        over = found.take(np.flatnonzero(found[:, 2] > rise), axis=0)
+        on = found.take(np.flatnonzero(found[:, 2] <= height + band), axis=0)
+        at = (on[:, :2] - corner) / self.cell_size
         rows = np.flatnonzero(_within(at, np.zeros(2), np.array(columns.shape)))
-        rows = rows[columns[tuple(at[rows].astype(np.int64).T)]]
-        return points[rows], heights[rows], len(near)
+        i, j = at.take(rows, axis=0).astype(np.int64).T
+        rows = rows[columns.take(i * columns.shape[1] + j)]
+        return on.take(rows, axis=0), over, len(near)
 
     def rays(self, height: float, band: float) -> tuple[Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
@@ -206,10 +206,10 @@ class Raster:
         self.shape = (int(shape[0]), int(shape[1]))
 
     def counts(self, points: Array) -> Array:
-        """`_pixel_sums` of x and y, in pixels, of those points (k, 2), m, on the raster."""
+        """`pixel_sums` of x and y, in pixels, of those points (k, 2), m, on the raster."""
         at = (points - self.origin) / self.pixel
         at = at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
-        return _pixel_sums(at, at, self.shape)
+        return pixel_sums(at, at, self.shape)
 
     def width(self, side: float) -> int:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
@@ -235,9 +235,30 @@ def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> Mask:
 
 
 def _pixel_means(sums: Array) -> Array:
-    """(m, 2) mean position of the points of each pixel that has any, in order, of `_pixel_sums`."""
-    held = sums[0] > 0.0
-    return np.column_stack([sums[1][held], sums[2][held]]) / sums[0][held][:, None]
+    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
+    count, *along = sums[:3].reshape(3, -1)
+    held = np.flatnonzero(count)
+    return np.column_stack([each.take(held) for each in along]) / count.take(held)[:, None]
+
+
+@njit(cache=True, nogil=True)
+def _points_between(
+    points: npt.NDArray[np.float32], slope: Slope, around: Array, low: float, high: float
+) -> Array:
+    """(k, 3) x, y and heights above a plane of that slope, of points (n, 3) that are higher than
+    `low` and no higher than `high`, between corners (2, 2)."""
+    found, k = np.empty((len(points), 3)), 0
+    for p in range(len(points)):
+        x, y = float(points[p, 0]), float(points[p, 1])
+        height = float(points[p, 2]) - slope[0] * x - slope[1] * y
+        if (
+            low < height <= high
+            and around[0, 0] <= x < around[1, 0]
+            and around[0, 1] <= y < around[1, 1]
+        ):
+            found[k, 0], found[k, 1], found[k, 2] = x, y, height
+            k += 1
+    return found[:k].copy()
 
 
 def make_layers(
@@ -256,20 +277,19 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     # how far off the height points may be, and tops, with the noise that is left in them
     band = tolerance + 0.5 * LAYER_STEP_M + noise
     reach = tolerance + 0.5 * LAYER_STEP_M + 0.5 * noise
-    on, heights, tops = cloud.on_surface(height, reach, band)
+    # the points there, and what rises above the band
+    on, over, tops = cloud.points_at(height, reach, band, height + max(band, STEP_M))
     if len(on) == 0:
         return None
-    # what rises from there, above the band
-    rise_from = height + max(band, STEP_M)
-    over = cloud.between(rise_from, rise_from + STEP_M)[0]
     # about how far points are apart, and pixels that suit that
     spacing = cloud.cell_size * math.sqrt(tops / len(on))
+    heights = on[:, 2].copy()
     low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
-    at = (on - raster.origin) / pixel
-    measured = _pixel_sums(at, np.column_stack([at, heights]), raster.shape)
-    things = raster.counts(over)
+    at = (on[:, :2] - raster.origin) / pixel
+    measured = pixel_sums(at, np.column_stack([at, heights]), raster.shape)
+    things = raster.counts(over[:, :2])
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
     foot = max(1, round((spacing + noise) / pixel))
@@ -277,38 +297,33 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
         risen = maximum_filter(rises, 2 * foot + 1)
     to_point, who = raster.nearest(np.vstack([_pixel_means(measured), _pixel_means(things)]))
     of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
-    # gaps that are wider than chance explains, as discs around their pixels
-    ended, passed = cloud.rays(height, band)
-    # a sensor that saw nothing below tells nothing of holes
-    ended = ended if len(passed) >= SURE_COUNT else ended[:0]
-    ends, passes = raster.counts(ended), raster.counts(passed)
     widest, chance = _chance_discs(raster, to_point, measured[0])
-    whole, hole = _whole_surface(raster, ends[0], passes[0]), HOLE_M / pixel
+    rays, whole = _seen_through(raster, to_point, *cloud.rays(height, band))
+    hole = HOLE_M / pixel
     radius = np.where(whole, chance, np.minimum(chance, hole))
     closed = widest <= chance
     sparse = float((widest[closed & ~whole] > hole).sum() / max(int(closed.sum()), 1))
+    # gaps that are wider than chance explains, as discs around their pixels
     gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), hole)
-    # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = _pixel_means(passes)
-    away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
-    opened = np.maximum(0.5 * away, np.minimum(away, 0.75))
-    discs = np.vstack([_pixel_discs(gap), np.column_stack([rays, opened])])
-    i, j = (discs[:, :2] + 0.5).astype(np.int64).T
-    # gaps behind things are no ends, and carry nothing, nor do the pixels beside them
-    from_end = raster.nearest(discs[~of_thing[i, j]])[0]
-    gaps = widest > radius
+    gaps = (widest > radius) | (gap > 0.0)
+    i, j = (rays[:, :2] + 0.5).astype(np.int64).T
     gaps[i, j] = True
+    # gaps behind things are no ends, and carry nothing, nor do the pixels beside them
+    ends = _pixel_discs(np.where(of_thing, np.float32(0.0), gap))
+    from_end = raster.nearest(np.vstack([ends, rays[~of_thing[i, j]]]))[0]
     beside = maximum_filter(gaps & of_thing, 2 * math.ceil(CORNER * hole) + 1)
     inside = np.where(beside, np.minimum(from_end, np.float32(-1.0)), from_end)
     averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
     # of the points, those of the surface's top, and none of things' feet if there are others
     least = maximum_filter(measured[4], 3) - 0.5 * tolerance - 2.0 * noise
-    of_pixel = tuple((at + 0.5).astype(np.int64).T)
-    upper = heights >= least[of_pixel]
-    beside_things = upper & ~risen[of_pixel]
-    kept = beside_things if beside_things.any() else upper
-    off = heights[kept] - height
-    sums = _pixel_sums(at[kept], np.column_stack([off, off**2]), raster.shape)[:3]
+    i, j = (at + 0.5).astype(np.int64).T
+    of_pixel = i * raster.shape[1] + j
+    upper = heights >= least.take(of_pixel)
+    beside_things = upper & ~risen.take(of_pixel)
+    rows = np.flatnonzero(beside_things if beside_things.any() else upper)
+    off = heights.take(rows) - height
+    powers = np.column_stack([off, off**2]) if noise > 0.0 else off[:, None]
+    sums = pixel_sums(at.take(rows, axis=0), powers, raster.shape)[:-1]
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
     surface = _surface_heights(sums, noise, (far, raster.width(averaged))) + np.float32(height)
@@ -359,88 +374,73 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     step = np.log(np.maximum(widest / np.float32(radii[0]), np.float32(1.0)))
     step = np.ceil(step * np.float32(apart / math.log(GROWTH)) - np.float32(SINGLE_ROUNDING))
     step = np.minimum(step.astype(np.int64), len(radii))
-    tile = np.add.outer(np.arange(nx) // side * tiles[1], np.arange(ny) // side)
-    slots = (*tiles, len(radii) + 1)
-    sizes = np.bincount((tile * slots[2] + step).ravel(), minlength=math.prod(slots))
-    discs = sizes.reshape(slots)[..., :-1].astype(np.float64)
-    closed = _tile_sums(discs).cumsum(axis=2) * pixel**2
+    tile = np.add.outer(np.arange(nx) // side * tiles[1], np.arange(ny) // side).ravel()
+    slots = (len(radii) + 1, *tiles)
+    sizes = np.bincount(step.ravel() * math.prod(tiles) + tile, minlength=math.prod(slots))
+    discs = sizes.reshape(slots)[:-1].astype(np.float64)
+    closed = window_sums(discs, 3).cumsum(axis=0) * pixel**2
     # and how many points there are
-    padded = np.zeros((tiles[0] * side, tiles[1] * side))
-    padded[:nx, :ny] = count
-    number = _tile_sums(padded.reshape(tiles[0], side, tiles[1], side).sum(axis=(1, 3))[..., None])
-    now, later = closed[..., :-apart], closed[..., apart:]
-    stays = (later <= GROWTH * now) & (now >= AREA_PER_POINT * number * radii[: now.shape[2]] ** 2)
-    first = np.where(stays.any(axis=2), stays.argmax(axis=2), now.shape[2] - 1)
-    found = np.where(number[..., 0] >= SURE_COUNT, radii[first] * WIDEST, least)
+    held = np.bincount(tile, weights=count.ravel(), minlength=math.prod(tiles))
+    number = window_sums(held.reshape(1, *tiles), 3)[0]
+    now, later = closed[:-apart], closed[apart:]
+    least_area = AREA_PER_POINT * np.multiply.outer(radii[: len(now)] ** 2, number)
+    stays = (later <= GROWTH * now) & (now >= least_area)
+    first = np.where(stays.any(axis=0), stays.argmax(axis=0), len(now) - 1)
+    found = np.where(number >= SURE_COUNT, radii[first] * WIDEST, least)
     found = np.clip(found, least, most)
     found = np.repeat(np.repeat(found, side, axis=0), side, axis=1)
     return found[:nx, :ny].astype(np.float32)
 
 
-def _tile_sums(tiles: Array) -> Array:
-    """(m, n, k) sums over each tile and the eight around it."""
-    (m, n, _), padded = tiles.shape, np.pad(tiles, ((1, 1), (1, 1), (0, 0)))
-    shifts = (padded[i : i + m, j : j + n] for i in range(3) for j in range(3))
-    return np.sum(list(shifts), axis=0)
-
-
-def _whole_surface(raster: Raster, ended: Array, passed: Array) -> Mask:
-    """(nx, ny) whether rays tell that the surface about a pixel has no holes of some share."""
-    if not ended.any():
-        return np.zeros(raster.shape, np.bool_)
-    on, through = _window_sums(np.stack([ended, passed]), raster.width(3.0 * TILE_M))
-    return np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
+def _seen_through(
+    raster: Raster, to_point: Field, ended: Array, passed: Array
+) -> tuple[Array, Mask]:
+    """Discs (n, 3), pixels, that rays open which passed the layer; (nx, ny) whether rays tell that
+    the surface about a pixel has no holes of some share."""
+    if not len(passed):
+        return np.zeros((0, 3)), np.zeros(raster.shape, np.bool_)
+    passes = raster.counts(passed)
+    # a ray opens half of the way to the nearest point, and the four pixels around it at least
+    rays = _pixel_means(passes)
+    away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
+    discs = np.column_stack([rays, np.maximum(0.5 * away, np.minimum(away, 0.75))])
+    # a sensor that saw nothing below tells nothing of holes
+    ends = raster.counts(ended if len(passed) >= SURE_COUNT else ended[:0])
+    on, through = window_sums(np.stack([ends[0], passes[0]]), raster.width(3.0 * TILE_M))
+    return discs, np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
 
 def _pixel_discs(radius: Field) -> Array:
     """(n, 3) pixels, and radii, of the pixels (nx, ny) whose radius is above 0."""
-    i, j = np.nonzero(radius > 0.0)
-    return np.column_stack([i, j, radius[i, j]])
+    at = np.flatnonzero(radius > 0.0)
+    return np.column_stack([*np.divmod(at, radius.shape[1]), radius.take(at)])
 
 
 def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Field:
     """(nx, ny) m, heights of the surface; inf far from all points.
 
     Args:
-        sums: (3, nx, ny) how many points each pixel has, and the sums of their heights and squares.
+        sums: (2 or, with noise, 3, nx, ny) how many points each pixel has, and the sums of their
+            heights and squares.
         widths: pixels along the squares over which heights are averaged, those that hold where
             the second hold no point first.
     """
     surface = np.full(sums.shape[1:], np.inf)
     for width in widths:  # what is near counts where there is any
-        count, total, squares = _window_sums(sums, width)
-        held = count > 0.5
-        surface[held] = total[held] / count[held]
+        count, total, *squares = window_sums(sums, width)
+        np.divide(total, count, out=surface, where=count > 0.5)
     if noise > 0.0:  # between two levels there is no surface
-        count = np.maximum(count, 1.0)
-        surface[held & (squares / count - (total / count) ** 2 > noise**2)] = np.inf
+        held, count = count > 0.5, np.maximum(count, 1.0)
+        surface[held & (squares[0] / count - (total / count) ** 2 > noise**2)] = np.inf
     return surface.astype(np.float32)
 
 
 def _highest_points(raster: Raster, measured: Array, noise: float) -> Field:
-    """(nx, ny) m, the highest point under what touches there, of `_pixel_sums` of all."""
+    """(nx, ny) m, the highest point under what touches there, of `pixel_sums` of all."""
     top = measured[4]
     if noise > 0.0:  # single points say nothing
-        many, total = _window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
+        many, total = window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
         top = np.where(many > FEWEST_ON_TOP - 0.5, total / np.maximum(many, 1.0), -np.inf)
     # what lies within a coarse pixel beside a point that touches is under the object
     wide = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
     return np.asarray(maximum_filter(top, wide).astype(np.float32))
-
-
-def _pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
-    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
-    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
-    number = shape[0] * shape[1]
-    i, j = (at + 0.5).astype(np.int64).T  # the pixel whose centre is nearest
-    pixel = i * shape[1] + j
-    greatest = np.full(number, -np.inf)
-    np.maximum.at(greatest, pixel, values[:, -1])
-    sums = [np.bincount(pixel, weights, number) for weights in (None, *values.T)]
-    return np.stack([*sums, greatest]).reshape(-1, *shape)
-
-
-def _window_sums(images: Array, width: int) -> Array:
-    """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
-    means = uniform_filter(images, (1, width, width), mode="constant")
-    return np.asarray(means * float(width * width))

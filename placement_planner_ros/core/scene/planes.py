@@ -165,6 +165,7 @@ def _level_beside(
     Args:
         rise: m from one column to the next from which on it does.
     """
+    nx, ny, nz = boxes.number_at.shape
     found = np.zeros(len(height), np.int64)
     for p in range(len(height)):
         if not used[p]:
@@ -172,38 +173,29 @@ def _level_beside(
         level = 0
         # two columns across from each other at a time
         for way in range(4):
-            i, j = (1, 0, 1, 1)[way], (0, 1, 1, -1)[way]
-            ahead = _step_to(boxes, height, used, p, i, j)
-            behind = _step_to(boxes, height, used, p, -i, -j)
-            level += (abs(ahead) <= tolerance) + (abs(behind) <= tolerance)
+            down, up = math.inf, -math.inf
+            for side in range(-1, 2, 2):
+                i = boxes.cells[p, 0] + side * (1, 0, 1, 1)[way]
+                j = boxes.cells[p, 1] + side * (0, 1, 1, -1)[way]
+                if i < 0 or i >= nx or j < 0 or j >= ny:
+                    up = math.inf
+                    continue
+                # the step to the nearest in height of two cells below to two above; inf without
+                best = math.inf
+                for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
+                    q = boxes.number_at[i, j, k] - 1
+                    while q >= 0:
+                        if used[q] and abs(height[q] - height[p]) < abs(best):
+                            best = height[q] - height[p]
+                        q = boxes.next[q]
+                level += abs(best) <= tolerance
+                down, up = min(down, best), max(up, best)
             # up on one side and down on the other: it is no surface of this slope
-            if min(ahead, behind) < -rise and rise < max(ahead, behind) < math.inf:
+            if down < -rise and rise < up < math.inf:
                 level = 0
                 break
         found[p] = level
     return found
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _step_to(
-    boxes: ObstacleArrays, height: Array, used: npt.NDArray[np.bool_], p: int, i: int, j: int
-) -> float:
-    """m from the top of box p to that nearest in height in a column (i, j) away; inf without."""
-    nx, ny, nz = boxes.number_at.shape
-    i += boxes.cells[p, 0]
-    j += boxes.cells[p, 1]
-    best = math.inf
-    if i < 0 or i >= nx or j < 0 or j >= ny:
-        return best
-    # the nearest in height of two cells below to two above
-    for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
-        q = boxes.number_at[i, j, k] - 1
-        while q >= 0:
-            step = height[q] - height[p]
-            if used[q] and abs(step) < abs(best):
-                best = step
-            q = boxes.next[q]
-    return best
 
 
 def _find_planes(
@@ -212,21 +204,25 @@ def _find_planes(
     """The planes, which of them each box lies in (-1: none), the means (m, 3) of the boxes, and
     which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    means = _top_means(obstacles.points, obstacles.first_point, tolerance)
+    means, free = _box_tops(
+        obstacles.arrays, obstacles.points, obstacles.first_point, headroom, tolerance
+    )
     around = np.array([AROUND_M, AROUND_M, CLEAR_M])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
-    free = free_tops(obstacles.arrays, headroom, tolerance)
     used = np.asarray(near & free)
     fits = _local_fits(obstacles.arrays, means, used, max(_SHEET, tolerance))
     # planes grow from where the fit is best
     order = np.argsort(fits[:, 3], kind="stable")
     order = order[np.isfinite(fits[order, 3])]
-    label, moments = _grow_planes(
+    label, moments, seeds = _grow_planes(
         obstacles.arrays, means, used, fits, order, max(_SHEET, tolerance)
     )
     # what is left of the noise where the fewest points make a plane
     least = obstacles.noise / math.sqrt(PLANE_POINTS)
-    found = [_plane_of(row, obstacles.cell_size, least) for row in moments]
+    found = [
+        _plane_of(row, about, obstacles.cell_size, least)
+        for row, about in zip(moments, means[seeds], strict=True)
+    ]
     # a standard deviation of one cell across it: four columns at least
     narrow = obstacles.cell_size**2
     wide = np.array([float(np.linalg.eigvalsh(each.spread)[0]) >= narrow for each in found], bool)
@@ -239,32 +235,18 @@ def _find_planes(
     )
 
 
-def _top_means(points: npt.NDArray[np.float32], first: Index, band: float) -> Array:
-    """(m, 3) mean of the points of each box that are no further than the band below the highest.
-
-    Args:
-        first: (m + 1,) the first point of each box, and their number.
-    """
-    z = points[:, 2].astype(np.float64)
-    highest = np.maximum.reduceat(z, first[:-1])
-    near = z >= np.repeat(highest - band, np.diff(first))
-    # where each box begins among those near its highest
-    begins = np.append(0, near.cumsum())[first]
-    sums = np.add.reduceat(points[near].astype(np.float64), begins[:-1], axis=0)
-    return np.asarray(sums / np.diff(begins)[:, None])
-
-
-def _plane_of(row: Array, cell_size: float, least: float) -> Plane:
-    """From the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it.
+def _plane_of(moments: Array, about: Array, cell_size: float, least: float) -> Plane:
+    """From the second moments (4, 4) of (1, x, y, z) about a point (3,).
 
     Args:
         least: scatter that it has at least, metres.
     """
-    number, middle = row[0], row[1:4]
-    xx, xy, yy, xz, yz, zz = row[4:] / number
-    spread = np.array([[xx, xy], [xy, yy]])
-    slope = np.linalg.solve(spread, np.array([xz, yz]))
-    scatter = math.sqrt(max(zz - float(slope @ np.array([xz, yz])), 0.0))
+    number, mean = moments[0, 0], moments[0, 1:] / moments[0, 0]
+    covariance = moments[1:, 1:] / number - np.outer(mean, mean)
+    spread, along = covariance[:2, :2], covariance[:2, 2]
+    slope = np.linalg.solve(spread, along)
+    scatter = math.sqrt(max(float(covariance[2, 2] - slope @ along), 0.0))
+    middle = about + mean
     return Plane(
         (float(slope[0]), float(slope[1])),
         float(middle[2] - slope @ middle[:2]),
@@ -277,18 +259,39 @@ def _plane_of(row: Array, cell_size: float, least: float) -> Plane:
 
 
 @njit(cache=True, nogil=True)
-def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.NDArray[np.bool_]:
-    """(m,) whether a box has free space above: no other takes much of the room above its top.
+def _box_tops(
+    boxes: ObstacleArrays,
+    points: npt.NDArray[np.float32],
+    first: Index,
+    headroom: float,
+    tolerance: float,
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """(m, 3) mean of the points of each box that are no further than the tolerance below the
+    highest; (m,) whether there is free space above it: no other takes much of that room.
 
     A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
     thick, for a wall goes on in the cell above.
+
+    Args:
+        first: (m + 1,) the first point of each box, and their number.
     """
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     nz = boxes.number_at.shape[2]
     layers = int(headroom / boxes.cell_size) + 1
+    means = np.zeros((len(cells), 3))
     # what lies above the highest layer was cropped away
     free = cells[:, 2] < nz - 1
     for p in range(len(cells)):
+        highest, count = -math.inf, 0
+        for point in range(first[p], first[p + 1]):
+            highest = max(highest, points[point, 2])
+        for point in range(first[p], first[p + 1]):
+            if points[point, 2] >= highest - tolerance:
+                count += 1
+                for a in range(3):
+                    means[p, a] += points[point, a]
+        for a in range(3):
+            means[p, a] /= count
         top = upper[p, 2]
         area = (upper[p, 0] - lower[p, 0] + _SHEET) * (upper[p, 1] - lower[p, 1] + _SHEET)
         # every other box of the column up to the headroom
@@ -302,75 +305,62 @@ def free_tops(boxes: ObstacleArrays, headroom: float, tolerance: float) -> npt.N
                     shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
                     free[p] = shared <= 0.3 * area
                 q = boxes.next[q]
-    return free
+    return means, free
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _solve_slope(moments: Array) -> tuple[float, float, float, bool]:
-    """Slope and scatter of the plane of ten moments (see `_plane`); whether there is one."""
-    number = moments[0]
+def _solve_slope(moments: Array) -> tuple[float, float, float, float, bool]:
+    """Height at x = y = 0, slope and scatter of the plane of second moments (4, 4) of (1, x, y, z);
+    whether there is one."""
+    number = moments[0, 0]
+    x, y, z = moments[0, 1] / number, moments[0, 2] / number, moments[0, 3] / number
     # variances and covariances of x, y and z
-    xx, xy, yy = moments[4] / number, moments[5] / number, moments[6] / number
-    xz, yz, zz = moments[7] / number, moments[8] / number, moments[9] / number
+    xx, xy = moments[1, 1] / number - x * x, moments[1, 2] / number - x * y
+    yy, xz = moments[2, 2] / number - y * y, moments[1, 3] / number - x * z
+    yz, zz = moments[2, 3] / number - y * z, moments[3, 3] / number - z * z
     # none where the points are almost in line
     det = xx * yy - xy * xy
     if det <= 1e-3 * (xx + yy) ** 2:
-        return 0.0, 0.0, math.inf, False
+        return 0.0, 0.0, 0.0, math.inf, False
     # the slope by least squares, and the deviation that is left
     gx, gy = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
-    return gx, gy, math.sqrt(max(zz - gx * xz - gy * yz, 0.0)), True
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _add_moment(moments: Array, x: float, y: float, z: float) -> None:
-    """One point more: mean and second moments about it (Welford)."""
-    moments[0] += 1.0
-    dx, dy, dz = x - moments[1], y - moments[2], z - moments[3]
-    moments[1] += dx / moments[0]
-    moments[2] += dy / moments[0]
-    moments[3] += dz / moments[0]
-    # products of how far it is from the old mean and from the new one
-    ex, ey, ez = x - moments[1], y - moments[2], z - moments[3]
-    moments[4] += dx * ex
-    moments[5] += dx * ey
-    moments[6] += dy * ey
-    moments[7] += dx * ez
-    moments[8] += dy * ez
-    moments[9] += dz * ez
+    return z - gx * x - gy * y, gx, gy, math.sqrt(max(zz - gx * xz - gy * yz, 0.0)), True
 
 
 @njit(cache=True, nogil=True)
 def _local_fits(
     boxes: ObstacleArrays, means: Array, used: npt.NDArray[np.bool_], tolerance: float
 ) -> Array:
-    """(m, 4) height, slope and scatter of the plane around each box; inf where there is none."""
+    """(m, 4) height above each box, slope and scatter of the plane around it; inf without one."""
     nx, ny, nz = boxes.number_at.shape
     fits = np.full((len(means), 4), np.inf)
-    moments = np.empty(10)
+    moments, away = np.empty((4, 4)), np.ones(4)  # away: (1, x, y, z) from the box
     layers = math.ceil(_STEEPEST * math.sqrt(2.0) * _REACH)
     for p in range(len(means)):
         if not used[p]:
             continue
         # moments of what lies around, as far up or down as a plane may rise to there
         moments[:] = 0.0
-        x, y, z = means[p, 0], means[p, 1], means[p, 2]
         ci, cj, ck = boxes.cells[p, 0], boxes.cells[p, 1], boxes.cells[p, 2]
         for i in range(max(ci - _REACH, 0), min(ci + _REACH + 1, nx)):
             for j in range(max(cj - _REACH, 0), min(cj + _REACH + 1, ny)):
                 for k in range(max(ck - layers, 0), min(ck + layers + 1, nz)):
                     q = boxes.number_at[i, j, k] - 1
                     while q >= 0:
-                        dx, dy, dz = means[q, 0] - x, means[q, 1] - y, means[q, 2] - z
-                        far = _STEEPEST * math.sqrt(dx * dx + dy * dy) + tolerance
-                        if used[q] and abs(dz) <= far:
-                            _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
+                        for a in range(3):
+                            away[1 + a] = means[q, a] - means[p, a]
+                        far = _STEEPEST * math.sqrt(away[1] ** 2 + away[2] ** 2) + tolerance
+                        if used[q] and abs(away[3]) <= far:
+                            for a in range(4):
+                                for b in range(4):
+                                    moments[a, b] += away[a] * away[b]
                         q = boxes.next[q]
         # the plane through enough of them that is not too steep
-        if moments[0] < _FEWEST:
+        if moments[0, 0] < _FEWEST:
             continue
-        gx, gy, scatter, stands = _solve_slope(moments)
+        height, gx, gy, scatter, stands = _solve_slope(moments)
         if stands and gx * gx + gy * gy <= _STEEPEST * _STEEPEST:
-            fits[p, 0] = moments[3] - gx * moments[1] - gy * moments[2]
+            fits[p, 0] = height
             fits[p, 1], fits[p, 2], fits[p, 3] = gx, gy, scatter
     return fits
 
@@ -383,8 +373,9 @@ def _grow_planes(
     fits: Array,
     order: Index,
     tolerance: float,
-) -> tuple[Index, Array]:
-    """(m,) the plane that each box lies in, or -1, and the moments (k, 10) of each plane.
+) -> tuple[Index, Array, Index]:
+    """(m,) the plane that each box lies in, or -1; of each plane the second moments (k, 4, 4) of
+    (1, x, y, z) about the box (k,) that it began with, and that.
 
     A plane begins with what was fitted around a box, and grows to neighbouring columns by the boxes
     within the tolerance of it; it is fitted anew each time that a quarter has come to it.
@@ -393,18 +384,19 @@ def _grow_planes(
     size = boxes.cell_size
     label, tried = np.full(len(means), -1, np.int64), np.zeros(len(means), np.bool_)
     queue = np.empty(len(means), np.int64)
-    found = np.empty((len(means) // _FEWEST + 1, 10))
-    moments = np.empty(10)
+    most = len(means) // _FEWEST + 1
+    found, seeds = np.empty((most, 4, 4)), np.empty(most, np.int64)
+    moments, away = np.empty((4, 4)), np.ones(4)  # away: (1, x, y, z) from the seed
     count = 0
     for seed in order:
         if label[seed] >= 0 or tried[seed]:
             continue
         # a plane begins where what was fitted goes through the box itself
         height, gx, gy = fits[seed, 0], fits[seed, 1], fits[seed, 2]
-        if abs(means[seed, 2] - height - gx * means[seed, 0] - gy * means[seed, 1]) > tolerance:
+        if abs(height) > tolerance:
             continue
         moments[:] = 0.0
-        _add_moment(moments, means[seed, 0], means[seed, 1], means[seed, 2])
+        moments[0, 0] = 1.0
         label[seed] = count
         queue[0] = seed
         head, tail, anew = 0, 1, 2 * _FEWEST
@@ -414,33 +406,36 @@ def _grow_planes(
             head += 1
             for i in range(max(boxes.cells[s, 0] - 1, 0), min(boxes.cells[s, 0] + 2, nx)):
                 for j in range(max(boxes.cells[s, 1] - 1, 0), min(boxes.cells[s, 1] + 2, ny)):
-                    x = boxes.origin[0] + (i + 0.5) * size
-                    y = boxes.origin[1] + (j + 0.5) * size
-                    layer = math.floor((height + gx * x + gy * y - boxes.origin[2]) / size)
+                    x = boxes.origin[0] + (i + 0.5) * size - means[seed, 0]
+                    y = boxes.origin[1] + (j + 0.5) * size - means[seed, 1]
+                    z = means[seed, 2] + height + gx * x + gy * y
+                    layer = math.floor((z - boxes.origin[2]) / size)
                     for k in range(max(layer - 1, 0), min(layer + 2, nz)):
                         q = boxes.number_at[i, j, k] - 1
                         while q >= 0:
-                            off = means[q, 2] - height - gx * means[q, 0] - gy * means[q, 1]
+                            for a in range(3):
+                                away[1 + a] = means[q, a] - means[seed, a]
+                            off = away[3] - height - gx * away[1] - gy * away[2]
                             if used[q] and label[q] < 0 and abs(off) <= tolerance:
                                 label[q] = count
                                 queue[tail] = q
                                 tail += 1
-                                _add_moment(moments, means[q, 0], means[q, 1], means[q, 2])
+                                for a in range(4):
+                                    for b in range(4):
+                                        moments[a, b] += away[a] * away[b]
                             q = boxes.next[q]
             # anew, after a quarter more
             if tail >= anew:
                 anew = tail + tail // 4
-                a, b, _, stands = _solve_slope(moments)
+                level, along_x, along_y, _, stands = _solve_slope(moments)
                 if stands:
-                    gx, gy = a, b
-                    height = moments[3] - gx * moments[1] - gy * moments[2]
+                    height, gx, gy = level, along_x, along_y
         # a small one gives its boxes back, from which none begins again
-        _, _, _, stands = _solve_slope(moments)
-        if tail >= _FEWEST and stands:
-            found[count] = moments
+        if tail >= _FEWEST and _solve_slope(moments)[4]:
+            found[count], seeds[count] = moments, seed
             count += 1
         else:
             for t in range(tail):
                 label[queue[t]] = -1
                 tried[queue[t]] = True
-    return label, found[:count].copy()
+    return label, found[:count].copy(), seeds[:count].copy()

@@ -102,19 +102,24 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
         for row in range(nx):
             i = row if step > 0 else nx - 1 - row
             m = i - step
-            if 0 <= m < nx and (changed[m] or changed[i]):
+            moved = changed[i]
+            if 0 <= m < nx and (changed[m] or moved):
                 for j in range(ny):  # from the three pixels of the row before
                     if near[i, j] > sure:
+                        last = -1  # of those tried
                         for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            changed[i] |= _take_nearer(elements, who[m, n], i, j, near, who)
-            if not changed[i]:
-                continue
-            for j in range(1, ny):  # along the row, there and back
-                if near[i, j] > sure:
-                    changed[i] |= _take_nearer(elements, who[i, j - 1], i, j, near, who)
-            for j in range(ny - 2, -1, -1):
-                if near[i, j] > sure:
-                    changed[i] |= _take_nearer(elements, who[i, j + 1], i, j, near, who)
+                            k = who[m, n]
+                            if k != last:
+                                moved |= _take_nearer(elements, k, i, j, near, who)
+                                last = k
+            if moved:
+                for j in range(1, ny):  # along the row, there and back
+                    if near[i, j] > sure:
+                        moved |= _take_nearer(elements, who[i, j - 1], i, j, near, who)
+                for j in range(ny - 2, -1, -1):
+                    if near[i, j] > sure:
+                        moved |= _take_nearer(elements, who[i, j + 1], i, j, near, who)
+            changed[i] = moved
 
 
 @njit(cache=True, nogil=True)
@@ -154,3 +159,45 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
                 for n in range(max(j - half, 0), min(j + half + 1, ny)):
                     widest[m, n] = max(widest[m, n], radius)
     return widest
+
+
+@njit(cache=True, nogil=True)
+def pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
+    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
+    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
+    k = values.shape[1]
+    sums = np.zeros((k + 2, shape[0], shape[1]))
+    sums[k + 1] = -np.inf
+    for p in range(len(at)):
+        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)  # the pixel whose centre is nearest
+        sums[0, i, j] += 1.0
+        for a in range(k):
+            sums[a + 1, i, j] += values[p, a]
+        sums[k + 1, i, j] = max(sums[k + 1, i, j], values[p, k - 1])
+    return sums
+
+
+@njit(cache=True, nogil=True)
+def window_sums(images: Array, width: int) -> Array:
+    """(k, nx, ny) sums over the square of so many pixels, an odd number, around each pixel."""
+    sums = np.empty(images.shape)
+    nx, ny = images.shape[1:]
+    half = width // 2
+    for a in range(len(images)):
+        rows = np.zeros(ny)  # sum of the rows around this one
+        for i in range(-half, nx):
+            if i + half < nx:
+                rows += images[a, i + half]
+            if i > half:
+                rows -= images[a, i - half - 1]
+            if i < 0:
+                continue
+            # and of these the columns around each pixel
+            total = rows[:half].sum()
+            for j in range(ny):
+                if j + half < ny:
+                    total += rows[j + half]
+                if j > half:
+                    total -= rows[j - half - 1]
+                sums[a, i, j] = total
+    return sums

@@ -29,7 +29,6 @@ from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.scene.cloud import cropped
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
@@ -111,7 +110,6 @@ class KnownTask:
         surface = SolidSurface.of(self._body.vertices[self._body.triangles])
         surface.distances(np.zeros((1, 3)), 0.01)
         rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))
-        cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
     def search(self) -> None:
         """Two placements, then one by other means, with the object kept upright."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.cloud import cropped, thinned
+from placement_planner_ros.core.scene.cloud import crop_cloud, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
@@ -290,9 +290,15 @@ def require_grid(snapshot: Snapshot) -> None:
     if not too_many(*_workspace(snapshot)):
         return  # Without a look at the points, as start has little time.
     # what was measured may be smaller than the workspace
-    around = cropped(*_workspace(snapshot), np.vstack(snapshot.clouds), settings.cell_size)
-    if around is not None and too_many(*around):
-        lower, upper = around
+    volume = snapshot.parameters.volume
+    cloud = crop_cloud(
+        np.vstack(snapshot.clouds),
+        _workspace(snapshot),
+        (volume.lower, volume.upper),
+        settings.cell_size,
+    )
+    if too_many(*cloud.held):
+        lower, upper = cloud.held
         size = " x ".join(f"{side:.3g}" for side in upper - lower)
         raise ParameterError(
             "cloud.cell_size",
