@@ -213,21 +213,6 @@ def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, f
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _in_piece(seen: SeenPixels, p: int, tolerance: float, near: Rows) -> bool:
-    """Whether point p is of a piece of `PIECE_PIXELS`, each beside one that is about as far."""
-    m = p
-    for _ in range(2):  # what is beside the point, then what is beside the only one there
-        alike, other = 0, p
-        for q in near[: _pixels_around(seen, m, BESIDE_PIXELS, near)]:
-            if abs(seen.range[q] - seen.range[m]) <= tolerance:
-                alike, other = alike + 1, q
-        if alike + 1 >= PIECE_PIXELS:
-            return True
-        m = other
-    return False
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _off_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> float:
     """How far point p is from the first line found that leads to it, no more than the tolerance
     away, through two points that stay, one behind the other; infinite without any.
@@ -271,7 +256,20 @@ def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows)
     doubtful, count = np.empty(n, np.int64), 0
     for p in range(n):
         tolerance = max(least, seen.pitch * seen.range[p])
-        if not asked[p] or _in_piece(seen, p, tolerance, near):
+        if not asked[p]:
+            continue
+        # whether it is of a piece, each of its points beside one that is about as far
+        middle, piece = p, False
+        for _ in range(2):  # what is beside the point, then what is beside the only one there
+            alike, other = 0, p
+            for q in near[: _pixels_around(seen, middle, BESIDE_PIXELS, near)]:
+                if abs(seen.range[q] - seen.range[middle]) <= tolerance:
+                    alike, other = alike + 1, q
+            piece = alike + 1 >= PIECE_PIXELS
+            if piece:
+                break
+            middle = other
+        if piece:
             continue
         # what the pixels around it saw instead
         others = 0
