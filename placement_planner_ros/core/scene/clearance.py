@@ -316,7 +316,7 @@ def _joined_ends(height: Array, weight: Array, most: int) -> tuple[Array, npt.ND
         begins[pairs[few] + 1] = False
         of_height = begins.cumsum() - 1
         moment = np.bincount(of_height, weights=weight * height)
-        weight = np.bincount(of_height, weights=weight)
+        weight = np.asarray(np.bincount(of_height, weights=weight), np.float64)
         height, group = moment / weight, of_height[group]
     return height, group
 

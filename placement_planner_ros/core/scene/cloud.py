@@ -144,7 +144,7 @@ def _thinned_and_extents(
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _slot_of(
-    known: npt.NDArray[np.int64], number_at: npt.NDArray[np.int32], cell: tuple[int, int, int]
+    known: npt.NDArray[np.int32], number_at: npt.NDArray[np.int32], cell: tuple[int, int, int]
 ) -> int:
     """The slot of the hash table that a cell has, or would have, among those known (k, 3)."""
     mask = len(number_at) - 1

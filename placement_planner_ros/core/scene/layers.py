@@ -381,7 +381,7 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     closed = window_sums(discs, 3).cumsum(axis=0) * pixel**2
     # and how many points there are
     held = np.bincount(tile, weights=count.ravel(), minlength=math.prod(tiles))
-    number = window_sums(held.reshape(1, *tiles), 3)[0]
+    number = window_sums(held.reshape(1, *tiles).astype(np.float64), 3)[0]
     now, later = closed[:-apart], closed[apart:]
     least_area = AREA_PER_POINT * np.multiply.outer(radii[: len(now)] ** 2, number)
     stays = (later <= GROWTH * now) & (now >= least_area)
