@@ -96,7 +96,7 @@ class RefinedGrid:
         constraints: PoseConstraints,
         objective: Objective,
     ) -> None:
-        self.count = SampleCount.of_faces(hierarchy.faces)
+        self.count = SampleCount()
         self.poses, self.unreached = 0, -math.inf
         self._checker, self._constraints, self._objective = checker, constraints, objective
         body = constraints.problem.body
@@ -160,7 +160,7 @@ class RefinedGrid:
         )
         values = evaluate_batch(self._objective, T)
         self.poses += len(values)
-        self.count.add(verdicts, draws.face)
+        self.count.add(verdicts)
         moved = np.hypot(halves[:, 0], halves[:, 1]) + self._size * np.minimum(
             halves[:, 2], math.pi
         )

@@ -22,7 +22,6 @@ from placement_planner_ros.client.errors import NO_ANSWER, PlacementError
 from placement_planner_ros.client.own_node import OwnNode
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import ROBOT_MOVED, STOPPING, Status, Validity
-from placement_planner_ros.client.subscriptions import Subscriptions
 
 Enough = Callable[[Solution], bool | None]
 """Told of each improvement; true where it is good enough."""
@@ -51,19 +50,15 @@ class PlacementClient:
         used = self._own.node if self._own is not None else node
         assert used is not None
         self._talk = Conversation(used, planner)
+        self._hearing = self._talk.hearing
         self._placing = threading.RLock()
         if self._own is not None:  # whose thread, spinning as Python ends, would end it by a signal
             atexit.register(self.close)
 
     @property
-    def hearing(self) -> Subscriptions:
-        """All that the node has published."""
-        return self._talk.hearing
-
-    @property
     def status(self) -> Status | None:
         """The node's newest status; None before one has come."""
-        return self.hearing.status
+        return self._hearing.status
 
     def validity(self, solution: Solution) -> Validity:
         """Whether that solution can be carried out now. Look at it right before the robot moves.
@@ -71,7 +66,7 @@ class PlacementClient:
         Not where a newer cloud cuts through its way, the robot has left the start, inputs have gone
         stale, robot or object were replaced, or another run has begun.
         """
-        return self.hearing.validity(solution.run, solution.number)
+        return self._hearing.validity(solution.run, solution.number)
 
     def improvement(self, run: int, number: int | None = None) -> Solution | None:
         """The best that the run has found so far, as far as it has come; for runs that `start`
@@ -80,7 +75,7 @@ class PlacementClient:
         Args:
             number: that of an earlier one, counted from 1; it may have come and not be kept.
         """
-        return self.hearing.solution(run, number)
+        return self._hearing.solution(run, number)
 
     def wait_until_ready(self, seconds: float) -> Status:
         """The node's status, once it could begin a run at once: nothing is compiled or read any
@@ -203,9 +198,9 @@ class PlacementClient:
         number = status.solutions
         # Its validity is as of when it is handed out, so that must be known first.
         end = time.monotonic() + ANSWER_WITHIN
-        talk.news.wait_until(lambda: self.hearing.validity(run, number).known or None, end)
+        talk.news.wait_until(lambda: self._hearing.validity(run, number).known or None, end)
         lacking = f"solution {number} of run {run} has not come"
-        return talk.hear(lambda: self.hearing.solution(run, number), lacking)
+        return talk.hear(lambda: self._hearing.solution(run, number), lacking)
 
     def confirm_placed(self, solution: Solution, pose: Pose | None = None) -> int:
         """The object stands there now: it becomes obstacle and support (`~/confirm_placed_with`);
@@ -282,10 +277,10 @@ class PlacementClient:
             # before the look, so that nothing that comes during it is slept over
             count = talk.news.count
             talk.heed(withdrawals, run)
-            best = None if until is None else self.hearing.solution(run)
+            best = None if until is None else self._hearing.solution(run)
             # several may have come since the last look
             for number in range(told + 1, 1 + (0 if best is None else best.number)):
-                told, better = number, self.hearing.solution(run, number)
+                told, better = number, self._hearing.solution(run, number)
                 if until is not None and better is not None and until(better):
                     return
             # the run has ended, or another has begun, which stop will say, or the time is up

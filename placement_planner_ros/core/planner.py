@@ -317,12 +317,7 @@ class PlacementPlanner:
         self._trajectories = TrajectoryMaker(
             settings.timing, settings.carry.max_acceleration, rng_paths
         )
-        self.statistics = Statistics(
-            self.sampler.count,
-            finder.rejections,
-            tuple(holding.arm.name for holding in finder.holdings),
-            poses.contacts.groups,
-        )
+        self.statistics = Statistics(self.sampler.count)
         self._search = Search(
             problem,
             before,

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)
     # without --control there is nothing that could command
     client = PlacementClient(node, options.planner) if options.control else None
-    listener = Listener(node, options.planner, None if client is None else client.hearing)
+    listener = Listener(node, options.planner)
     transforms = Transforms(node)
     page = Page(server, listener, World(listener, transforms.pose))
     controls = None

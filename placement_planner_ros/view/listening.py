@@ -63,15 +63,14 @@ class Listener:
 
     Args:
         planner: the planning node's name.
-        hearing: where somebody hears its status and solutions already.
     """
 
-    def __init__(self, node: Node, planner: str, hearing: Subscriptions | None = None) -> None:
+    def __init__(self, node: Node, planner: str) -> None:
         # what is small comes by one group; what is large has a pace of its own
         self._node = node
         self._group = MutuallyExclusiveCallbackGroup()
         self.planner = node.resolve_service_name(planner)
-        self.hearing = hearing or Subscriptions(node, planner, self._group, News())
+        self.hearing = Subscriptions(node, planner, self._group, News())
         self.parameters = NodeParameters(node, self.planner, self._group)
         self.watched = True
         self.positions: dict[str, float] = {}

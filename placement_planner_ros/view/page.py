@@ -177,7 +177,6 @@ class Page:
         else:
             holding = [moment.T_world_object] if stage in CARRIED else []
         self._stage.draw_held(self._world.object, holding)
-        self._stage.show_label(moment is None)  # as it would be in front of the hand
 
     def _holding(self, poses: Mapping[str, pin.SE3]) -> list[pin.SE3]:
         """T_world_object of the object in the hand: of each hand, where it is not known which."""
@@ -209,9 +208,8 @@ class Page:
         shown, surface = self.shown, self._world.object
         if self._is_new("placement", (Itself(shown), Itself(surface))):
             # the object where it will stand, and the way there
-            name = "" if shown is None else f"placement {shown.solution.number}"
             T = pose_of(shown.solution.pose.pose) if shown is not None else None
-            self._stage.draw_placement(surface, T, name)
+            self._stage.draw_placement(surface, T)
             path = self._playback.path() if self._playback is not None else None
             self._stage.draw_path(path)
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))

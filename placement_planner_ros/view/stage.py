@@ -89,24 +89,13 @@ class PageStage:
             if k < len(poses):
                 _place(handle, poses[k])
 
-    def draw_placement(self, surface: Surface | None, T: pin.SE3 | None, text: str) -> None:
-        """The object where it will stand, with its name above."""
-        self._clear("placed", "label")
+    def draw_placement(self, surface: Surface | None, T: pin.SE3 | None) -> None:
+        """The object where it will stand."""
+        self._clear("placed")
         if surface is None or T is None:
             return
         self._parts["placed"] = self._mesh("placed/object", surface, colours.PLACED)
         _place(self._parts["placed"], T)
-        # the label floats 4 cm above the highest point
-        top = surface[0] @ T.rotation.T + T.translation
-        above = (*top.mean(axis=0)[:2], top[:, 2].max() + 0.04)
-        self._parts["label"] = self._scene.add_label(
-            "/placed/label", text, position=above, anchor="bottom-center"
-        )
-
-    def show_label(self, shown: bool) -> None:
-        """Show or hide the name above the placement."""
-        if "label" in self._parts:
-            self._parts["label"].visible = shown
 
     def draw_path(self, path: Array | None) -> None:
         """The way of the object's origin (n, 3)."""

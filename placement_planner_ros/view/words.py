@@ -29,8 +29,7 @@ _STATES = {
     "stopping": "stopping",
     "stopped": "stopped",
     "time_limit": "its time is over",
-    "exhausted": "nothing better is left",
-    "exhausted without one": "nothing is left to try",
+    "exhausted": "nothing is left to try",
     "robot_moved": "ended: the robot moved",
     "failed": "failed",
 }
@@ -51,8 +50,7 @@ def heading_html(record: RunRecord, absent: str) -> str:
         return _html_block(_bold_text("No run yet.") + " " + escape(status.message), "#666")
     # a run that ended with nothing has its own words
     empty = status.ended and record.best is None
-    alone = f"{status.state} without one" if empty else status.state
-    state = _STATES.get(alone, _STATES.get(status.state, status.state))
+    state = _STATES.get(status.state, status.state)
     colour = {"searching": "#1668c8", "failed": "#b00020", "robot_moved": "#b00020"}.get(
         status.state, "#444"
     )

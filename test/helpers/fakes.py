@@ -42,9 +42,7 @@ class FakeStatistics:
     def __init__(self):
         self.samples = 0
         self.rejected = {"unstable": 0}
-        self.rejected_by_group = {"face 0": {}}
-        self.rejected_by_arm = {"left": {}}
-        self.solutions, self.gap, self.missed = 0, None, (0, 0.0)
+        self.solutions, self.gap = 0, None
 
 
 def placement(objective, arm="left", retreats=False, x=0.4, terms=()):

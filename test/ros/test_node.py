@@ -77,22 +77,16 @@ def test_parts_come_first_carry_the_key_and_are_withdrawn_by_the_next_run(bench,
     assert stamps == sorted(set(stamps))
 
 
-def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(bench):
+def test_status_says_why_nothing_has_been_found_and_what_was_rejected(bench):
     b = bench()
     planner = started(b)
-    planner.statistics.rejected_by_group = {
-        "face 0": {"unstable": 3, "colliding": 1},
-        "face 1": {},
-    }
-    planner.statistics.rejected_by_arm = {"left": {"no_ik": 5}}
+    planner.statistics.rejected = {"unstable": 3}
     planner.explanation = Explanation("it is full", (Remedy(SENSOR, "look again"),), ("4 of 4",))
     b.wait(lambda: b.status()["why"])
     status = b.status()
     assert status["state"] == "searching"
     assert status["why"] == "it is full\ntry sensor_poses.<frame>: look again\n4 of 4"
-    assert status["rejected.face_0"] == "unstable=3 colliding=1"
-    assert status["rejected.face_1"] == ""
-    assert status["rejected.left"] == "no_ik=5"
+    assert status["rejected_unstable"] == "3"
     planner.offers.append(0.3)
     b.wait(lambda: b.status()["solutions"] == "1")
     assert b.status()["why"] == ""

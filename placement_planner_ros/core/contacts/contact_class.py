@@ -36,7 +36,6 @@ class ContactClass(Protocol):
             object is.
         frames: fT_o of features whose poses are `references` at a point, turned about the normal
             there; None of others.
-        groups: what the samples of each feature are counted under, in words.
     """
 
     @property
@@ -47,9 +46,6 @@ class ContactClass(Protocol):
 
     @property
     def frames(self) -> tuple[pin.SE3 | None, ...]: ...
-
-    @property
-    def groups(self) -> tuple[str, ...]: ...
 
     def ranges(self, feature: int, region: Region) -> Ranges:
         """In which angles a feature may be placed on one of the regions; () for not at all."""

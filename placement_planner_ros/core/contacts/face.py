@@ -48,7 +48,6 @@ class FaceContact:
         self.faces: tuple[PlacementFace, ...] = self.support.faces
         self.references = np.array([face.reference for face in self.faces]).reshape(-1, 3)
         self.frames = tuple(face.T_face_object for face in self.faces)
-        self.groups = tuple(f"face {number}" for number in range(len(self.faces)))
         self._turns = turns
         body = replace(problem.body, faces=self.faces)
         self._collision = ObjectCollision(

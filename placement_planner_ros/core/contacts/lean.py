@@ -91,7 +91,6 @@ class LeanContact:
         self._openings = ways / np.linalg.norm(ways, axis=1, keepdims=True)
         self.references = self._edges.references[self._edge_of]
         self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(edges)
-        self.groups = tuple(str(self._walls[wall]) for wall, _ in self._features)
 
     @property
     def regions(self) -> tuple[Region, ...]:

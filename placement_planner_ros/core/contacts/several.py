@@ -26,7 +26,6 @@ class SeveralContacts:
         self._first = np.cumsum([0, *(len(each.references) for each in classes)])
         self.references = np.concatenate([each.references for each in classes])
         self.frames = tuple(frame for each in classes for frame in each.frames)
-        self.groups = tuple(group for each in classes for group in each.groups)
         self._of_region = {region: each for each in classes for region in each.regions}
 
     @property

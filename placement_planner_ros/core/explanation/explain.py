@@ -165,8 +165,7 @@ def _count_words(search: Search, progress: Progress) -> list[str]:
     """What became of the samples, and of each arm's tries to reach poses."""
     counts = {"samples": progress.count.verdicts}
     names = [holding.arm.name for holding in search.finder.holdings]
-    tries_of_each = search.finder.rejections.tries.sum(axis=1)
-    for name, tries in summed_by_name(names, tries_of_each).items():
+    for name, tries in summed_by_name(names, search.finder.tries).items():
         counts[f"tries of arm {name}"] = dict(zip(Verdict, tries.tolist(), strict=True))
     return [
         shares_in_words(verdicts, noun)

@@ -19,7 +19,6 @@ from placement_planner_ros.core.objective.objective import (
     evaluate_objective,
     values_above,
 )
-from placement_planner_ros.core.sample_goals.rejections import Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
@@ -46,7 +45,8 @@ class GoalFinder:
 
     Attributes:
         holdings: all of them, arm after arm.
-        rejections: what became of the tries to reach poses.
+        tries: (holdings, |Verdict|) how many tries of each to reach a pose ended with each verdict;
+            FEASIBLE are goals. Poses that no arm was to reach are not in here.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class GoalFinder:
     ) -> None:
         self._poses = poses
         self.holdings = tuple(holding for of_arm in holdings for holding in of_arm)
-        self.rejections = Rejections(len(self.holdings), len(poses.contacts.references))
+        self.tries = np.zeros((len(self.holdings), len(Verdict)), np.int64)
         ends = np.cumsum([len(of_arm) for of_arm in holdings])
         self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
         self._objective = objective
@@ -97,8 +97,6 @@ class GoalFinder:
                 verdicts[row] = reached
                 if reached <= Verdict.NOT_BETTER:  # turned as the arm can
                     values[row] = min(values[row], best)
-                else:
-                    self.rejections.missed.append(float(values[row]))
                 continue
             verdicts[row] = Verdict.FEASIBLE
             values[row] = reached.objective
@@ -138,36 +136,33 @@ class GoalFinder:
         # One after the other; the first goal ends it.
         furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
-            for tried, goal in self._tries(self.holdings[k], wanted, best):
-                tries = self.rejections.tries[k, tried.contact.feature]
+            for goal in self._tries(self.holdings[k], wanted, best):
                 if not isinstance(goal, Verdict):
-                    tries[Verdict.FEASIBLE] += 1
+                    self.tries[k, Verdict.FEASIBLE] += 1
                     return goal
-                tries[goal] += 1
+                self.tries[k, goal] += 1
                 furthest = max(furthest, goal)
             if should_stop():
                 break
         return furthest
 
-    def _tries(
-        self, holding: Holding, wanted: Wanted, best: float
-    ) -> Iterator[tuple[Wanted, Goal | Verdict]]:
-        """The pose, and what becomes of it; where the arm says how the object is turned, the poses
-        that it can give it at that place."""
+    def _tries(self, holding: Holding, wanted: Wanted, best: float) -> Iterator[Goal | Verdict]:
+        """What becomes of the pose; where the arm says how the object is turned, of the poses that
+        it can give it at that place."""
         # An arm that can turn the object as asked.
         if holding.any_turn is None:
-            yield wanted, self._reach_goal(holding, wanted)
+            yield self._reach_goal(holding, wanted)
             return
         # Places for the others, with the turns that the arm can give.
         T_face_object = self._poses.contacts.frames[wanted.contact.feature]
         if T_face_object is None:
-            yield wanted, Verdict.NO_IK
+            yield Verdict.NO_IK
             return
         places = holding.any_turn.placed(
             wanted.x, T_face_object, self._ik_seeds, self._rng, holding.q_start
         )
         if not places:
-            yield wanted, Verdict.NO_IK
+            yield Verdict.NO_IK
         # A pose turned otherwise is judged anew.
         for x, Q in places:
             turned = wanted if x is wanted.x else replace(wanted, x=x)
@@ -175,9 +170,9 @@ class GoalFinder:
             if turned is not wanted:
                 turned, verdict = self._judged(turned, best)
             if verdict is not Verdict.FEASIBLE:
-                yield turned, verdict
+                yield verdict
                 continue
-            yield turned, self._placed(holding, turned, holding.free_ones(Q))
+            yield self._placed(holding, turned, holding.free_ones(Q))
 
     def _judged(self, pose: Wanted, best: float) -> tuple[Wanted, Verdict]:
         """A pose that was not drawn: the same with its ξ, and the first check that it fails."""

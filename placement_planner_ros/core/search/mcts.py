@@ -61,7 +61,7 @@ class MctsSampler(BatchSampler):
         settings: MctsSettings,
         rng: np.random.Generator,
     ) -> None:
-        super().__init__(hierarchy.faces, checker, settings)
+        super().__init__(checker, settings)
         self.tree = SearchTree(hierarchy, settings.exploration, settings.max_nodes, rng)
         self._rng = rng
         self._selected: list[int] = []  # the nodes drawn from last

@@ -79,7 +79,7 @@ class OptimisticSampler(BatchSampler):
         rng: np.random.Generator,
         bounds: CellBounds | None = None,
     ) -> None:
-        super().__init__(hierarchy.faces, checker, settings)
+        super().__init__(checker, settings)
         self._settings = settings
         self._bounds = bounds
         self._rng = rng

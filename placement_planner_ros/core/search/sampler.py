@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -82,32 +82,25 @@ class SampleCount:
     """Running totals, read by other threads.
 
     Attributes:
-        by_face: (|F|, |Verdict|) how many of each face ended with each verdict; replaced as a whole
-            at every change, so that who reads it sees one moment.
+        totals: (|Verdict|,) how many ended with each verdict; replaced as a whole at every change,
+            so that who reads it sees one moment.
     """
 
-    by_face: Index
-
-    @classmethod
-    def of_faces(cls, faces: int) -> SampleCount:
-        """Nothing yet, of so many faces."""
-        return cls(np.zeros((faces, len(Verdict)), dtype=np.int64))
+    totals: Index = field(default_factory=lambda: np.zeros(len(Verdict), np.int64))
 
     @property
     def samples(self) -> int:
         """Samples tried."""
-        return int(self.by_face.sum())
+        return int(self.totals.sum())
 
     @property
     def verdicts(self) -> dict[Verdict, int]:
         """How many ended with each verdict."""
-        return dict(zip(Verdict, self.by_face.sum(axis=0).tolist(), strict=True))
+        return dict(zip(Verdict, self.totals.tolist(), strict=True))
 
-    def add(self, verdicts: Index, faces: Index) -> None:
-        """Count samples (n,) with these verdicts, of these faces."""
-        counts = self.by_face.copy()
-        np.add.at(counts, (faces, verdicts), 1)
-        self.by_face = counts
+    def add(self, verdicts: Index) -> None:
+        """Count samples (n,) with these verdicts."""
+        self.totals = self.totals + np.bincount(verdicts, minlength=len(Verdict))
 
 
 def summed_by_name(names: Sequence[str], counts: Index) -> dict[str, Index]:
@@ -132,12 +125,11 @@ class BatchSampler(ABC):
     """Algorithm 2 around a way to choose where to sample next.
 
     Args:
-        faces: |F|.
         checker: checks samples.
     """
 
-    def __init__(self, faces: int, checker: GoalChecker, settings: SamplerSettings) -> None:
-        self.count = SampleCount.of_faces(faces)
+    def __init__(self, checker: GoalChecker, settings: SamplerSettings) -> None:
+        self.count = SampleCount()
         self._checker = checker
         self._budget = settings
 
@@ -152,7 +144,7 @@ class BatchSampler(ABC):
             if outcome is None:
                 break
             self._learn(outcome, best)
-            self.count.add(outcome.verdicts, draws.face)
+            self.count.add(outcome.verdicts)
             tried += len(draws.face)
             goals += outcome.goals
         return goals

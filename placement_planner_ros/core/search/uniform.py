@@ -72,7 +72,7 @@ class UniformSampler(BatchSampler):
         settings: SamplerSettings,
         rng: np.random.Generator,
     ) -> None:
-        super().__init__(hierarchy.faces, checker, settings)
+        super().__init__(checker, settings)
         self._rng = rng
         self._sets = hierarchy.sets
         self._poses = UniformPoses(hierarchy, rng)

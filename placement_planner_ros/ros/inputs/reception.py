@@ -57,8 +57,8 @@ class Reception:
         self._inputs = inputs
         self._parameters = parameters
         self._on_joints = on_joints
-        parameters.check_with(self._check)
-        parameters.notify(inputs.object.parameters_changed)
+        parameters.check = self._check
+        parameters.on_change = inputs.object.parameters_changed
         topics = dict.fromkeys(["points", *parameters.current["cloud_topics"]])
         self.clouds = CloudSubscriptions(node, list(topics), self._take_cloud)
         # best effort, which hears reliable publishers too

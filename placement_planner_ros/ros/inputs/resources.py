@@ -24,8 +24,6 @@ from placement_planner_ros.share import PACKAGE, share_path
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 _PIP_SHARE = Path(pin.__file__).parents[4] / "share"
 """Where pip puts what robots' makers and pinocchio share, as PyPI's example-robot-data."""
-_ROBOTS = "example-robot-data"
-"""Package of the robots to try; not everybody has it."""
 _OTHER_MACHINE = (
     "; where that is a path of another machine, write package://PACKAGE/PATH instead, and add the "
     "folder that holds PACKAGE to package_paths"
@@ -113,8 +111,6 @@ class Files:
         there = [str(folder) for folder in folders if _exists(folder, Path.is_dir)]
         if there:
             return f"package {package} lacks it; looked in {', '.join(there)}"
-        if package == _ROBOTS:
-            return f"the robots to try are not installed: pip install {package}"
         looked = ", ".join(["the ament index", *map(str, folders)])
         return (
             f"package {package} is not known; tried {looked}: add the folder that holds {package} "

@@ -133,10 +133,10 @@ class Outline:
 
     def look(self, points: Array, least: float = 0.0) -> FilteredPoints:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
-        found = FilteredPoints.nothing(len(points))
+        found, points = FilteredPoints.nothing(len(points)), np.ascontiguousarray(points)
         for number, (T, tree, padding) in enumerate(self.placed):
             cap = max(padding, least) + SINGLE_ROUNDING
-            rows = _near(points, T, tree, cap)
+            rows = rows_in_boxes(points, np.array([_upright_box(T, tree, cap)]))
             if not len(rows):
                 continue
             # in the frame of the solid, whose tree stays as it is
@@ -310,15 +310,6 @@ def _spread(nearest: Array, signed: Array) -> float:
     # errors are as many either way; what rises or falls steeply is little of a surface
     deviation = median_abs_deviation(np.append(off, -off), scale="normal")
     return float(norm.interval(TAIL_PERCENT / 100.0)[1] * deviation)
-
-
-def _near(points: Array, T: pin.SE3, tree: SolidSurface, cap: float) -> npt.NDArray[np.int64]:
-    """Rows of points (n, 3) in the upright box around a solid at T, grown by `cap` metres."""
-    middle, half = _upright_box(T, tree, cap)
-    near = np.ones(len(points), np.bool_)
-    for axis in range(3):
-        near &= np.abs(points[:, axis] - middle[axis]) <= half[axis]
-    return np.flatnonzero(near)
 
 
 def _upright_box(T: pin.SE3, tree: SolidSurface, cap: float) -> tuple[Array, Array]:

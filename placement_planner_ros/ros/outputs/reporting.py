@@ -263,15 +263,8 @@ def _tried(run: Run) -> dict[str, object]:
     if run.planner is None:
         return {}
     statistics = run.planner.statistics
-    by = {group.replace(" ", "_"): counts for group, counts in statistics.rejected_by_group.items()}
-    unreached, most = statistics.missed if statistics.solutions else (0, 0.0)
     return {
         "samples": statistics.samples,
         **({} if statistics.gap is None else {"gap": statistics.gap}),
-        **({"unreached_better": unreached, "unreached_best": most} if unreached else {}),
         **{f"rejected_{name}": count for name, count in statistics.rejected.items()},
-        **{
-            f"rejected.{name}": " ".join(f"{why}={count}" for why, count in counts.items())
-            for name, counts in (by | statistics.rejected_by_arm).items()
-        },
     }

@@ -108,6 +108,9 @@ class ParameterServer:
 
     Attributes:
         current: all values; replaced as a whole when one changes.
+        check: called with names and all values before parameters are set; a PlacementPlannerError
+            that it raises refuses them.
+        on_change: called with the same once they were set.
 
     Raises:
         PlacementPlannerError: a value given at start-up is bad.
@@ -115,8 +118,8 @@ class ParameterServer:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._on_change: OnChange | None = None
-        self._check: OnChange | None = None
+        self.on_change: OnChange | None = None
+        self.check: OnChange | None = None
         self._given: dict[str, Any] = getattr(node, "given", {})
         values: dict[str, Any] = {}
 
@@ -133,14 +136,6 @@ class ParameterServer:
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._store)
-
-    def notify(self, on_change: OnChange) -> None:
-        """Call this with names and all values whenever parameters were set."""
-        self._on_change = on_change
-
-    def check_with(self, check: OnChange) -> None:
-        """Call this before parameters are set; a PlacementPlannerError it raises refuses them."""
-        self._check = check
 
     def without_effect(self) -> Mapping[str, str]:
         """Names given at start-up that the node does not have, and what to do instead."""
@@ -170,8 +165,8 @@ class ParameterServer:
         try:
             changed = self.current.changed(mine)
             # what only the robot and the object can tell
-            if self._check is not None:
-                self._check([*mine], changed)
+            if self.check is not None:
+                self.check([*mine], changed)
         except PlacementPlannerError as error:
             return SetParametersResult(successful=False, reason=in_node_words(str(error)))
         return SetParametersResult(successful=True)
@@ -180,8 +175,8 @@ class ParameterServer:
         mine = self._mine(parameters)
         # replaced as a whole, so that each thread reads a consistent set
         self.current = self.current.changed(mine)
-        if mine and self._on_change is not None:
-            self._on_change([*mine], self.current)
+        if mine and self.on_change is not None:
+            self.on_change([*mine], self.current)
 
 
 def _descriptor(spec: Spec) -> ParameterDescriptor:

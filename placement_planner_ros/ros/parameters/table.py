@@ -153,8 +153,6 @@ _OWN = (
 )
 """The parameters of ROS' own whose names do not depend on another's value."""
 
-_ARMS = own_spec("arms", "string[]", [], "Arms that could be holding the object, by name.",
-                 check=checks.distinct_names)
 _ARM = (
     own_spec("tip_frame", "string", "", "Link that the arm's grasps refer to."),
     own_spec("joints", "string[]", [],
@@ -190,7 +188,8 @@ def fixed_specs() -> list[Spec]:
 
 def arms_spec(default: Sequence[str]) -> Spec:
     """The parameter `arms`; at start-up it also says for which arms parameters exist."""
-    return _ARMS.named("arms", list(default))
+    text = "Arms that could be holding the object, by name."
+    return own_spec("arms", "string[]", [*default], text, checks.distinct_names)
 
 
 def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:

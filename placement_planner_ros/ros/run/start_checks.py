@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -87,13 +87,14 @@ def take_snapshot(
     # what follows needs robot, q_0 and object, all in order
     if faults or robot is None or standing is None or body is None:
         return faults
+    q, joints, moving, notes = standing
     # what no joint moves is furniture, and leaves the robot
     fixed = attempt(partial(inputs.fixed_links, robot, arms, parameters))
     surfaces = attempt(partial(inputs.known_surfaces, robot, parameters))
     if fixed is None or surfaces is None:
         return faults
     # of what is known only that counts which the arms can get to
-    around = workspace(fixed.robot, arms, standing.q, body, parameters.volume)
+    around = workspace(fixed.robot, arms, q, body, parameters.volume)
     known = [surface.within(*around) for surface in (*fixed.surfaces, *surfaces)]
     parts += tuple(each for each in known if len(each.points))
     if not parts:
@@ -101,16 +102,16 @@ def take_snapshot(
     snapshot = Snapshot(
         fixed.robot,
         arms,
-        standing.q,
+        q,
         body,
         parts,
         parameters,
         robot.root_link,
         object_key,
         robot_key,
-        standing.joints,
-        standing.moving,
-        (*standing.notes, *([str(fixed)] if fixed.furniture else []), *inputs.turned_notes()),
+        joints,
+        moving,
+        (*notes, *([str(fixed)] if fixed.furniture else []), *inputs.turned_notes()),
         changes,
     )
     # what only the whole shows: faces for the contacts, cells for the volume
@@ -119,13 +120,8 @@ def take_snapshot(
     return faults or snapshot
 
 
-class _Standing(NamedTuple):
-    """Where the robot stands, and parts of a `Snapshot`."""
-
-    q: Array
-    joints: tuple[str, ...]
-    moving: tuple[str, ...]
-    notes: tuple[str, ...]
+_Standing = tuple[Array, tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+"""Where the robot stands: `q_start`, `joints`, `moving` and `notes` of a `Snapshot`."""
 
 
 def _standing(
@@ -166,7 +162,7 @@ def _standing(
         names = f"{listed(sorted(moving))}: moving"
         notes.append(f"{names}, but of no arm and no sensor; planned with where they are now")
     joints = (*robot.needed_joints, *sorted(matter.difference(robot.needed_joints)))
-    return _Standing(within, joints, tuple(moving), tuple(notes))
+    return within, joints, tuple(moving), tuple(notes)
 
 
 def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:

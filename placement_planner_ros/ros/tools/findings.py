@@ -42,10 +42,6 @@ class Findings:
         said = in_node_words(str(fault)).splitlines()
         self.faults += [line for line in said if line not in self.faults]
 
-    def remark(self, words: str) -> None:
-        """Remember something that may not be as it is meant."""
-        self.remarks.append(words)
-
     def attempt(self, make: Callable[[], Made]) -> Made | None:
         """What it makes; None where it raises what is wrong."""
         try:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from placement_planner_ros.core.collision.attached_object import object_overlaps
-from placement_planner_ros.core.errors import ParameterError, listed
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.allowed_pairs import hidden_pairs, srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.robot_picture import draw_robot
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
@@ -132,8 +132,7 @@ def read_snapshot(
     robot = findings.attempt(lambda: inputs.robot.robot)
     if robot is not None:
         if parameters["robot_description"] and "arms" not in given.names:
-            words = "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame"
-            findings.wrong(f"{words} such as {_proposed(robot)}")
+            findings.wrong("arms: none is named; set arms and, of each, tip_frame and grasps")
             return None
         # zero for joints of which no start is given
         q = dict(zip(robot.joint_names, _zero(robot).tolist(), strict=True))
@@ -175,18 +174,6 @@ def positions_of(tree: Any, where: str) -> dict[str, float]:
         if type(value) not in (int, float) or not isfinite(value):
             raise ParameterError(f"{where}: {name}", value, "give a finite number, rad or m")
     return {str(name): float(value) for name, value in tree.items()}
-
-
-def _proposed(robot: Robot) -> str:
-    """Links at the ends of the robot's longest chains, in words."""
-    chains: dict[tuple[str, ...], str] = {}
-    for frame in robot.model.frames:
-        if robot.has_link(frame.name):
-            chains.setdefault(robot.joints_to(frame.name), frame.name)
-    # a chain that another one goes on from does not end there
-    before = [joints[:-1] for joints in chains]
-    ends = sorted((joints for joints in chains if joints not in before), key=len, reverse=True)
-    return listed([f"{chains[end]} ({len(end)} joints)" for end in ends])
 
 
 def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
@@ -279,7 +266,7 @@ def check_grasps(snapshot: Snapshot, findings: Findings) -> None:
         for number in range(len(arm.grasps)):
             apart = hand_distance(snapshot, arm, number)
             if apart > FAR_FROM_HAND_M:
-                findings.remark(
+                findings.remarks.append(
                     f"{arm.name}.grasps: in grasp {number} the open hand is {1e3 * apart:.0f} mm "
                     "from the object; unless something holds it that the description lacks, as a "
                     f"suction cup, check the pose of the object in {arm.tip_frame}, its quaternion "
@@ -306,41 +293,42 @@ def hand_distance(snapshot: Snapshot, arm: Arm, grasp: int) -> float:
 def check_search(snapshot: Snapshot, findings: Findings) -> None:
     """Say whether a search finds a placement on a plane through V, low, in the middle or high."""
     findings.title("a search on a plane through target_volume")
-    words = ""
+    why = ""
     for share in (0.1, 0.5, 0.9):
         began = time.process_time()
-        plane = PointSet(_plane_in(snapshot.parameters.volume, share))
-        # furniture and known objects stay, the plane is in place of the clouds
-        known = tuple(part for part in snapshot.parts if part.placed)
-        over = replace(snapshot, parts=(*known, plane))
-        environment = findings.attempt(lambda: Surroundings.of(over).environment())  # noqa: B023
-        if environment is None:
-            return
-        notes = findings.attempt(lambda: start_notes(over, environment))  # noqa: B023
-        if notes is None:
-            return
-        found = findings.attempt(lambda: _search(over, environment))  # noqa: B023
+        found = findings.attempt(partial(_search, snapshot, share))
         if found is None:
             return
-        words, left_out = found
+        why, notes = found
         # a placement at one height is enough
-        if not words:
-            for note in (*notes, *(f"does without {each}" for each in left_out)):
+        if not why:
+            for note in notes:
                 findings.say(note)
             findings.say(f"a placement after {time.process_time() - began:.1f} s of processor time")
             return
-    findings.wrong(words)
+    findings.wrong(f"on a plane through target_volume: {why}")
 
 
-def _search(snapshot: Snapshot, environment: Environment) -> tuple[str, tuple[str, ...]]:
-    """Why no placement is found, '' where one is; and what the planner does without."""
-    planner = make_planner(snapshot, environment)
+def _search(snapshot: Snapshot, share: float) -> tuple[str, list[str]]:
+    """Why no placement is found on a plane at that share of V's height, '' where one is; and what
+    to know of such a run.
+
+    Raises:
+        PlacementPlannerError: it could not begin.
+    """
+    # furniture and known objects stay, the plane is in place of the clouds
+    known = tuple(part for part in snapshot.parts if part.placed)
+    plane = PointSet(_plane_in(snapshot.parameters.volume, share))
+    over = replace(snapshot, parts=(*known, plane))
+    environment = Surroundings.of(over).environment()
+    notes = start_notes(over, environment)
+    planner = make_planner(over, environment)
+    notes += [f"does without {each}" for each in planner.unusable]
     # processor time, so that a busy machine is not taken for a fault
     end = time.process_time() + SEARCH_S
     if next(planner.run(lambda: time.process_time() > end), None) is not None:
-        return "", planner.unusable
-    why = planner.exhausted or planner.explain().short
-    return f"on a plane through target_volume: {why}", planner.unusable
+        return "", notes
+    return planner.exhausted or planner.explain().short, notes
 
 
 def _plane_in(volume: TargetVolume, share: float) -> Array:

@@ -133,13 +133,6 @@ def test_a_robot_leans_a_box_and_another_program_agrees(leaning):
         assert checker.check(Solution.of(placement, arms[placement.arm])) == []
 
 
-def test_samples_are_counted_by_the_wall_that_things_were_to_lean_on(leaning):
-    _, problem, planner, placements = leaning
-    groups = planner.statistics.rejected_by_group
-    assert {f"the {group}" for group in groups} >= {p.resting.on for p in placements}
-    assert set(groups) <= {str(wall) for wall in problem.environment.walls}
-
-
 def test_what_leans_is_moved_along_the_wall_and_to_and_from_it(leaning):
     _, _, planner, placements = leaning
     goal, contacts = placements[0].goal, planner._poses.contacts

@@ -86,8 +86,6 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
     named = in_node_words(told)
     assert [name for name in named if name in remedies] == remedies
     assert {name for names in named for name in names.split(", ")} <= NAMES
-    tries = planner.statistics.rejected_by_arm
-    assert sum(arm.get(verdict.name.lower(), 0) for arm in tries.values()) >= refused
     for arm in ("left", "right"):
         assert re.search(rf"^of [\d,]+ tries of arm {arm} ", "\n".join(told.details), re.MULTILINE)
 
@@ -150,9 +148,9 @@ def test_explaining_changes_nothing_in_the_search(table):
 
 
 def test_counts_are_told_as_shares_the_most_frequent_first():
-    count, numbers = SampleCount.of_faces(2), [40, 120, 40]
+    count, numbers = SampleCount(), [40, 120, 40]
     verdicts = np.repeat([Verdict.NO_IK, Verdict.UNSTABLE, Verdict.FEASIBLE], numbers)
-    count.add(verdicts, np.arange(200) % 2)
+    count.add(verdicts)
     told = shares_in_words(count.verdicts, "samples")
     assert told.startswith("of 200 samples 60% left the object without support, 20% ")
     assert "20% were placements" in told
