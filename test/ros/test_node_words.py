@@ -36,7 +36,7 @@ def test_names_are_the_nodes_and_all_else_stays(words, said):
 
 
 @pytest.mark.parametrize(
-    ("share", "told"), [(0.0, "is empty; give the text"), (0.5, "give the whole text")]
+    ("share", "told"), [(0.0, "give the text of the file"), (0.5, "give the whole text")]
 )
 def test_a_description_that_is_cut_is_named_with_its_file(tmp_path, share, told):
     text = share_path("urdf", "yumi.urdf").read_text()
