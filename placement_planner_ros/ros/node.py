@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import pinocchio as pin
 import rclpy
@@ -64,6 +65,7 @@ class PlacementPlannerNode(ParameterNode):
 
     Attributes:
         calls: those that are being answered; whoever spins it tells of them.
+        survive: told of what a callback raises, which need not end the node.
 
     Raises:
         PlacementPlannerError: a parameter or the robot description is bad at start-up.
@@ -77,6 +79,7 @@ class PlacementPlannerNode(ParameterNode):
     ) -> None:
         super().__init__("placement_planner", overrides)
         self._log = Log(self.get_logger())
+        self.survive = partial(self._log.fault, "a message or a request was dropped")
         # trouble with what is kept on disk is said here, and ends nothing
         TROUBLES.listen(self._log.failure)
         # parameters first, as everything else is made of them
@@ -95,9 +98,8 @@ class PlacementPlannerNode(ParameterNode):
         self._reporter = Reporter(
             self, Outputs(self), self._inputs, self._settings, self._warm, self._log
         )
-        self._preparation = Preparation(
-            self._newest, self._has_leisure, self._preparing_failed, self.calls
-        )
+        failed = partial(self._log.fault, "preparing ahead failed; it goes on with the next inputs")
+        self._preparation = Preparation(self._newest, self._has_leisure, failed, self.calls)
         self._commands = Commands(
             self._inputs,
             self._settings,
@@ -122,9 +124,6 @@ class PlacementPlannerNode(ParameterNode):
         # after all services are there, rclpy's own among them, as each is wrapped
         answer_always(self, self._log)
         self._log.event("ready: start and the other services are offered")
-
-    def _preparing_failed(self, error: BaseException) -> None:
-        self._log.fault("preparing ahead failed; it goes on with the next inputs", error)
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
@@ -234,10 +233,6 @@ class PlacementPlannerNode(ParameterNode):
     def _movable(self) -> tuple[object, ParameterSet]:
         """What tells robot and arms from others."""
         return self._inputs.robot.key, self._settings.current
-
-    def survive(self, error: BaseException) -> None:
-        """A callback raised: that must be said, but need not end the node."""
-        self._log.fault("a message or a request was dropped", error)
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""

@@ -31,17 +31,12 @@ class Paced(MutuallyExclusiveCallbackGroup):
         self._taken_at: weakref.WeakKeyDictionary[Subscription, float] = weakref.WeakKeyDictionary()
         self._took: weakref.WeakKeyDictionary[Subscription, float] = weakref.WeakKeyDictionary()
 
-    def add_entity(self, entity: Subscription) -> None:
-        """Told of each subscription as it is made."""
-        gone = [known for known in self.entities if known() is None]  # rclpy keeps them for ever
-        self.entities.difference_update(gone)
-        super().add_entity(entity)
-
     def can_execute(self, entity: Subscription) -> bool:
         """Asked by the executor whether to look for a message."""
         taken_at = self._taken_at.get(entity, -math.inf)
         # after a callback that took long each of the others has as long before its next turn
-        turn = len(self.entities) * self._took.get(entity, 0.0)
+        others = sum(known() is not None for known in self.entities)  # rclpy keeps those destroyed
+        turn = others * self._took.get(entity, 0.0)
         due = time.monotonic() >= taken_at + max(self._period(), turn)
         return due and bool(super().can_execute(entity))
 

@@ -21,8 +21,6 @@ from placement_planner_ros.ros.spinning import survive
 
 _TRIGGERS = ("start", "stop", "confirm_placed", "clear_environment")
 _WITH_PARAMETERS = ("start_with", "stop_with", "confirm_placed_with", "remove_placed")
-_UNTOLD = ("stop", "stop_with")
-"""Services whose success is not written down; how a run ends is, in any case."""
 
 
 def serve(node: Node, commands: Commands) -> None:
@@ -93,7 +91,7 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
         for success, words in _outcomes(response):
             if not success:
                 log.warn(f"{name} refused: {words}")
-            elif name in (*_TRIGGERS, *_WITH_PARAMETERS) and name not in _UNTOLD:
+            elif name in (*_TRIGGERS, *_WITH_PARAMETERS):
                 log.event(f"{name}: {words}")
         return response
 

@@ -118,24 +118,8 @@ class Controls:
         for name, known in self._known.items():
             value = self._fields[name].value
             if name == _VOLUME:
-                value = _box_corners(value)
+                value = [float(number) for number in value.replace(",", " ").split()]
                 known = [float(f"{number:g}") for number in known]
             if value != known:
                 changed[name] = value
         return changed
-
-
-def _box_corners(text: str) -> list[float]:
-    """The numbers of a target volume, metres.
-
-    Raises:
-        ValueError: they are no boxes.
-    """
-    try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = [0.0]
-    if len(numbers) % 6:  # none are none
-        remedy = "give minimum x y z and maximum x y z in metres, six numbers for each box"
-        raise ValueError(f"target volume {text!r}: {remedy}")
-    return numbers

@@ -48,7 +48,6 @@ class ShownRobot:
             str(name): int(joint.idx_q)
             for name, joint in zip(self._model.names, self._model.joints, strict=True)
         }
-        self._posed: tuple[bytes, str, dict[str, pin.SE3]] | None = None
         self.shapes, self.lacking = link_shapes(description, find)
 
     def has_link(self, name: str) -> bool:
@@ -70,21 +69,13 @@ class ShownRobot:
     def link_poses(
         self, positions: Mapping[str, float], planning_frame: str = ""
     ) -> Mapping[str, pin.SE3]:
-        """T_planning_link of every link; the same object while they are the same.
+        """T_planning_link of every link.
 
         Args:
             positions: of joints, rad or m; see `configuration`.
             planning_frame: a link; where it is none, the root.
         """
-        # the same object for the same posture, so that others see that nothing moved
-        q = self.configuration(positions)
-        key = q.tobytes()
-        if self._posed is None or self._posed[:2] != (key, planning_frame):
-            self._posed = key, planning_frame, self._link_poses(q, planning_frame)
-        return self._posed[2]
-
-    def _link_poses(self, q: Array, planning_frame: str) -> dict[str, pin.SE3]:
-        pin.framesForwardKinematics(self._model, self._data, q)
+        pin.framesForwardKinematics(self._model, self._data, self.configuration(positions))
         poses = {name: pin.SE3(self._data.oMf[index]) for name, index in self._links.items()}
         if planning_frame in poses and planning_frame != self.root:
             T_planning_root = poses[planning_frame].inverse()

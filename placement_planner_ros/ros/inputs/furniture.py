@@ -11,14 +11,12 @@ import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.shapes import shape_triangles
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.inputs.self_filter import OWN_M
-from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WORLD_LINKS = "world_links"
 """The parameter that names furniture."""
@@ -61,22 +59,6 @@ def fixed_links(robot: Robot, ends: Collection[str], named: Sequence[str] = ()) 
         named: the links that are furniture, instead of those found.
     """
     return _fixed_links(robot, tuple(sorted(ends)), tuple(named))
-
-
-def require_links(robot: Robot, parameters: ParameterSet) -> None:
-    """Refuse names of links that the robot does not have, and furniture that moves.
-
-    Raises:
-        ParameterError: there is one.
-    """
-    named = {"self_filter.padding_of": parameters.padding_of, WORLD_LINKS: parameters[WORLD_LINKS]}
-    for name, links in named.items():
-        for link in links:
-            if not robot.model.existFrame(link, pin.FrameType.BODY):
-                raise ParameterError(name, link, f"is no link of robot {robot.name!r}")
-    for link in parameters[WORLD_LINKS]:
-        if robot.joints_to(link):
-            raise ParameterError(WORLD_LINKS, link, "a joint moves it; name links that none moves")
 
 
 @weak_lru_cache("robot", maxsize=4)

@@ -24,12 +24,7 @@ from placement_planner_ros.ros.inputs.frames import (
     is_eye,
     turned_axes,
 )
-from placement_planner_ros.ros.inputs.furniture import (
-    WORLD_LINKS,
-    FixedLinks,
-    fixed_links,
-    require_links,
-)
+from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, FixedLinks, fixed_links
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
@@ -198,12 +193,7 @@ class Inputs:
     def fixed_links(
         self, robot: Robot, arms: Sequence[Arm], parameters: ParameterSet
     ) -> FixedLinks:
-        """The robot without its furniture, and that furniture.
-
-        Raises:
-            ParameterError: `world_links` or `self_filter.padding_of` name what is none.
-        """
-        require_links(robot, parameters)
+        """The robot without its furniture, and that furniture."""
         # the chains that end at hands and at sensors belong to the robot
         ends = self._sensor_links(robot, parameters["sensor_frames"])
         return fixed_links(robot, ends | {a.tip_frame for a in arms}, parameters[WORLD_LINKS])

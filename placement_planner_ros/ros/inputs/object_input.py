@@ -84,16 +84,6 @@ class ObjectInput:
             return "none" if isinstance(self._fault, NoObjectError) else "bad"
         return self.reading.state(self._key)
 
-    @property
-    def assumed(self) -> str:
-        """What the object is taken for, in words; empty as long as there is none."""
-        if self.state != "ready":
-            return ""
-        try:
-            return "; ".join(self.reading.get(self._key).assumed)
-        except PlacementPlannerError:  # replaced just now
-            return ""
-
     def wait(self, patience: float | None = None) -> None:
         """Return once the body is there, or cannot be."""
         self.reading.wait(self._key, patience)

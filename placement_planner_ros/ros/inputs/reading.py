@@ -139,11 +139,6 @@ class Reading(Generic[Made]):
         with self._lock:
             return self._jobs.get(key)
 
-    @property
-    def busy(self) -> bool:
-        """Whether anything is being read."""
-        return self._thread is not None
-
     def _work(self) -> None:
         while True:
             with self._lock:

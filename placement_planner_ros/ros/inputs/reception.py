@@ -17,7 +17,6 @@ from visualization_msgs.msg import MarkerArray
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
-from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, require_links
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.mesh_message import mesh_from_message
 from placement_planner_ros.ros.inputs.robot_input import require_known
@@ -118,6 +117,4 @@ class Reception:
         source = self._inputs.robot
         if source.is_given and source.state == "ready":  # else start tells it
             require_known(source.robot, parameters, names)
-            if {WORLD_LINKS, "self_filter.padding_of"} & {*names}:
-                require_links(source.robot, parameters)
         self._inputs.object.check(parameters, names)

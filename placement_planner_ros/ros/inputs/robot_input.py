@@ -29,6 +29,17 @@ from placement_planner_ros.share import share_path
 _PARTS = ("joints", "grasps", "touch_links", "gripper_joints", "gripper_open")
 """Of an arm's parameters, those that are lists."""
 
+LISTED = ("assumed_joints", "world_links", "self_filter.padding_of")
+"""Parameters that name joints and links, but for those of arms."""
+_NAMED = {
+    "tip_frame": "link",
+    "touch_links": "link",
+    "joints": "movable joint",
+    "gripper_joints": "movable joint",
+    **dict(zip(LISTED, ("movable joint", "link", "link"), strict=True)),
+}
+"""What parameters name of a robot; those of an arm without its name."""
+
 
 class DescriptionError(RobotError):
     """The robot's description cannot be read."""
@@ -213,36 +224,25 @@ def _announced(robot: Robot, arm: Arm, derived: bool, accelerations: bool) -> An
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:
-    """Refuse links and joints of these parameters that the robot does not have.
+    """Refuse links and joints in these parameters that the robot does not have, assumed joints that
+    follow others, and furniture that moves.
 
     Raises:
-        PlacementPlannerError: there is one.
+        RobotError: there is one, of an arm.
+        ParameterError: there is another one.
     """
     for name in names:
         arm, _, part = name.rpartition(".")
-        if arm not in parameters["arms"]:
-            continue
-        links, joints = ("tip_frame", "touch_links"), ("joints", "gripper_joints")
-        value = parameters[name] if part in links + joints else []
-        for each in filter(None, [value] if isinstance(value, str) else value):
-            if part in links and not robot.has_link(each):
-                raise RobotError(name, each, f"is no link of robot {robot.name!r}")
-            if part in joints and each not in robot.joint_names:
-                raise RobotError(name, each, f"is no movable joint of robot {robot.name!r}")
-    if "assumed_joints" in names:
-        require_assumed(robot, parameters)
-
-
-def require_assumed(robot: Robot, parameters: ParameterSet) -> None:
-    """Refuse assumed values of joints that the robot does not have, or that follow others.
-
-    Raises:
-        ParameterError: there is one.
-    """
-    for joint in parameters.assumed_joints:
-        if joint in robot.mimics:
-            master = robot.mimics[joint].master
-            raise ParameterError("assumed_joints", joint, f"follows {master}; give that one")
-        if joint not in robot.joint_names:
-            words = f"is no movable joint of robot {robot.name!r}"
-            raise ParameterError("assumed_joints", joint, words)
+        of_arm = arm in parameters["arms"]
+        kind, error = _NAMED.get(part if of_arm else name), RobotError if of_arm else ParameterError
+        values = [parameters[name]] if part == "tip_frame" else parameters[name]
+        for value in filter(None, values) if kind else ():
+            # `joint=value` and `link=metres` begin with the name
+            each = value.rpartition("=")[0].strip() or value
+            there = robot.has_link(each) if kind == "link" else each in robot.joint_names
+            if not there:
+                raise error(name, each, f"is no {kind} of robot {robot.name!r}")
+            if name == "assumed_joints" and each in robot.mimics:
+                raise error(name, each, f"follows {robot.mimics[each].master}; give that one")
+            if name == "world_links" and robot.joints_to(each):
+                raise error(name, each, "a joint moves it; name links that none moves")

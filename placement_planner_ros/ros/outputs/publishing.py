@@ -44,7 +44,7 @@ class Outputs:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
         self._undrawn: tuple[Snapshot, Environment] | None = None
@@ -91,26 +91,23 @@ class Outputs:
     def draw(self) -> None:
         """Publish obstacle set and regions, where that has not been done yet."""
         with self._lock:
-            self._draw()
-
-    def _draw(self) -> None:
-        if self._undrawn is None:
-            return
-        snapshot, environment = self._undrawn
-        self._undrawn = None
-        header = Header(frame_id=snapshot.frame, stamp=self._now())
-        obstacles = environment.obstacles
-        centres = (obstacles.lower + obstacles.upper) / 2
-        self._occupancy.publish(message_from_points(centres, header))
-        volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
-        # regions as the search has them
-        boxes = boxes_of(keep_out)
-        regions = cut(environment.regions, boxes) if keep_out else environment.regions
-        if snapshot.parameters["support_region"] == "largest":
-            regions = level_with_largest(regions)
-        standing = [part.points for part in snapshot.parts if part.placed]
-        self._scene = scene_markers(header, volume, boxes, regions, standing)
-        self._markers.publish(MarkerArray(markers=self._scene))
+            if self._undrawn is None:
+                return
+            snapshot, environment = self._undrawn
+            self._undrawn = None
+            header = Header(frame_id=snapshot.frame, stamp=self._now())
+            obstacles = environment.obstacles
+            centres = (obstacles.lower + obstacles.upper) / 2
+            self._occupancy.publish(message_from_points(centres, header))
+            volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
+            # regions as the search has them
+            boxes = boxes_of(keep_out)
+            regions = cut(environment.regions, boxes) if keep_out else environment.regions
+            if snapshot.parameters["support_region"] == "largest":
+                regions = level_with_largest(regions)
+            standing = [part.points for part in snapshot.parts if part.placed]
+            self._scene = scene_markers(header, volume, boxes, regions, standing)
+            self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(
         self,
@@ -176,7 +173,7 @@ class Outputs:
             self._pose.publish(PoseStamped(header=header, pose=pose_message(T)))
             self._objective.publish(Float64(data=objective))
             self._solution.publish(self._manifest(header, words, values))
-            self._draw()
+            self.draw()
             drawn = placement_markers(
                 header, snapshot.body, T, tip_path(placement, snapshot), resting
             )

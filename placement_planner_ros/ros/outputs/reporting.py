@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
@@ -69,7 +70,8 @@ class Reporter:
         self._reported: tuple[object, ...] = ()
         self._reported_at = -math.inf
         self._closed = False
-        self._watch = Watch(inputs.clouds, self._cannot_watch)
+        cannot = "the best placement cannot be held against newer clouds"
+        self._watch = Watch(inputs.clouds, partial(log.fault, cannot))
         every(node, LOOK_S, self._refresh)
         every(node, 1.0, self._diagnose)
         self.report()
@@ -173,9 +175,6 @@ class Reporter:
         with self._saying:
             self._closed = True
 
-    def _cannot_watch(self, error: BaseException) -> None:
-        self._log.fault("the best placement cannot be held against newer clouds", error)
-
     def _waiting(self, warm: str, inputs: str) -> str:
         """What the node does before the first run, and what it lacks."""
         words = _WAITING[warm]
@@ -185,16 +184,12 @@ class Reporter:
 
     def _read(self) -> dict[str, str]:
         robot, held = self._inputs.robot, self._inputs.object
-        told = {
-            "object_assumed": held.assumed,
-            "warm_progress": self._warm.progress,
-        }
         return {
             "robot": robot.state,
             "object": held.state,
             "known_objects": str(len(self._inputs.known)),
             "inputs": self._arriving(time.monotonic()),
-        } | {name: words for name, words in told.items() if words}
+        } | ({"warm_progress": self._warm.progress} if self._warm.progress else {})
 
     def _arriving(self, now: float) -> str:
         """Whether there are joint states and clouds to start with, in words."""

@@ -26,6 +26,12 @@ _KINDS: dict[str, Kind] = {
     "tuple[str, ...]": "string[]",
 }
 """By how a field of settings is declared; names with choices are strings."""
+_ACCEPTED: dict[str, tuple[type, ...]] = {
+    "bool": (bool, np.bool_),
+    "integer": (int, np.integer),
+    "double": (int, float, np.number),
+    "string": (str,),
+}
 _AN = {"bool": "true or false", "integer": "an integer", "double": "a number", "string": "a string"}
 
 
@@ -92,13 +98,7 @@ class Spec:
         kind = self.kind.removesuffix("[]")
         # to Python a bool is an integer, which nobody means
         is_bool = isinstance(value, (bool, np.bool_))
-        accepted = {
-            "bool": is_bool,
-            "integer": isinstance(value, (int, np.integer)) and not is_bool,
-            "double": isinstance(value, (int, float, np.number)) and not is_bool,
-            "string": isinstance(value, str),
-        }
-        if not accepted[kind]:
+        if is_bool != (kind == "bool") or not isinstance(value, _ACCEPTED[kind]):
             raise ParameterError(self.name, value, f"give {_AN[kind]}: {self.meaning.text}")
         if kind != "bool":
             self.meaning.check(self.name, value)

@@ -27,8 +27,6 @@ from placement_planner_ros.ros.parameters.checks import named_numbers, poses_fro
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import KINDS
 
-CLOCK = "use_sim_time"
-"""The parameter that every node has."""
 _JOINT_LIMITS = "robot_description_planning.joint_limits."
 """How the names of limits begin that MoveIt's launch files give one by one."""
 NO_SUCH = "there is no such parameter"
@@ -120,17 +118,11 @@ class ParameterSet:
         }
 
     def _instead(self, name: str) -> str:
-        if name == CLOCK:
-            return "is the whole node's and not a run's; give it when the node is started"
         group, _, part = name.rpartition(".")
         if group == "sensor_poses":
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
-        meant = did_you_mean(name, [*self.specs, CLOCK])
-        words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
-        # it is nearest to a parameter of an arm, so another arm may be meant
-        if meant is not None and f"{meant.partition('.')[0]}.tip_frame" in self.specs:
-            words += f". If {group!r} is an arm, name it in arms at start-up"
-        return words
+        meant = did_you_mean(name, list(self.specs))
+        return NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
 
     def convert(self, name: str, value: object) -> Any:
         """A new value of a parameter in its type.

@@ -63,14 +63,9 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlann
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Made:
-    """An environment, with the fields that every search needs.
-
-    Attributes:
-        scene: the same for whatever is held.
-    """
+    """An environment, with the fields that every search needs."""
 
     surroundings: Surroundings
-    scene: Environment
     environment: Environment
 
 
@@ -194,18 +189,15 @@ class Preparation:
         before = None if made is None else made.surroundings
         surroundings = Surroundings.of(snapshot, before)
         if made is None or surroundings is not before:
-            # another object, or another posture, changes the environment but not the scene
-            same_scene = made is not None and made.surroundings.same_scene(surroundings)
-            scene = made.scene if made is not None and same_scene else surroundings.scene()
-            _ = scene.clearance
-            _ = scene.has_unseen_ceiling  # so that start finds it ready
+            environment = surroundings.environment()
+            # what the search would do first, and what start asks for
+            _ = environment.clearance
+            _ = environment.has_unseen_ceiling
             if "lean" in snapshot.parameters.planner_settings.contacts:
-                _ = scene.walls
-            environment = surroundings.environment(scene)
+                _ = environment.walls
             step("making boxes of the obstacle set")
-            # what the search would do first
             box_arrays(environment.obstacles)
-            self._made = made = _Made(surroundings, scene, environment)
+            self._made = made = _Made(surroundings, environment)
         # the same for every search with this robot and object
         robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:

@@ -29,7 +29,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.robot_input import announced, make_arm, require_assumed
+from placement_planner_ros.ros.inputs.robot_input import LISTED, announced, make_arm, require_known
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import environment_notes, require_grid
@@ -78,6 +78,7 @@ def take_snapshot(
         # every arm by itself, so that each fault is named
         made = [attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]]
         arms = tuple(arm for arm in made if arm is not None)
+        attempt(partial(require_known, robot, parameters, LISTED))
         standing = attempt(partial(_standing, inputs, robot, arms, parameters, now))
         if len(arms) == len(made):
             attempt(partial(require_arms, arms, parameters))
@@ -132,7 +133,6 @@ def _standing(
     Raises:
         PlacementPlannerError: q_0 is not known, or cannot be.
     """
-    require_assumed(robot, parameters)
     # joints that matter: those of the arms, those that carry them, and those on the way to sensors
     used = {joint for arm in arms for joint in arm.used_joints}
     matter = used.union(*(robot.joints_to(arm.tip_frame) for arm in arms))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,10 +30,11 @@ from placement_planner_ros.ros.run.snapshot import Snapshot
 
 Mask = npt.NDArray[np.bool_]
 
-_MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
-"""Parameters on which a scene depends, """
 _MAKE_ENVIRONMENT = (
-    *_MAKE_SCENE,
+    "cloud.cell_size",
+    "max_slope",
+    "target_volume",
+    "clearance.beyond_volume",
     "self_filter.padding",
     "self_filter.padding_of",
     "self_filter.enabled",
@@ -42,7 +42,7 @@ _MAKE_ENVIRONMENT = (
     "contact_tolerance",
     "unknown_space",
 )
-"""and on which an environment does."""
+"""Parameters on which an environment depends."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""
 
@@ -108,23 +108,8 @@ class Surroundings:
             clouds,
         )
 
-    def same_scene(self, other: Surroundings) -> bool:
-        """Whether both environments are the same but for what robot and object make of them."""
-        mine, its = self.snapshot.parameters, other.snapshot.parameters
-        return (
-            all(mine[name] == its[name] for name in _MAKE_SCENE)
-            and len(self._arrays) == len(other._arrays)
-            and all(map(np.array_equal, self._arrays, other._arrays))
-        )
-
-    @property
-    def _arrays(self) -> list[Any]:
-        """What must be equal, element by element."""
-        sights = [array for view in self.sights for array in (view.origin, view.points, view.hides)]
-        return [*self.bounds, self.points, *sights]
-
-    def scene(self) -> Environment:
-        """The points preprocessed, which is the same for whatever is held.
+    def _scene(self) -> Environment:
+        """The points preprocessed.
 
         Raises:
             PlacementPlannerError: they are unusable.
@@ -149,11 +134,8 @@ class Surroundings:
             noise=noise,
         )
 
-    def environment(self, scene: Environment | None = None) -> Environment:
-        """The scene with what is unknown and beside the robot, where that is.
-
-        Args:
-            scene: what `scene` says, where it is known already.
+    def environment(self) -> Environment:
+        """The points preprocessed, with what is unknown and beside the robot, where that is.
 
         Raises:
             PlacementPlannerError: the points are unusable.
@@ -162,7 +144,7 @@ class Surroundings:
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
         around = max(parameters["self_filter.padding"], parameters["collision_margin"])
         # what no sensor saw is occupied, but around robot and object, which would start in it
-        made = self.scene() if scene is None else scene
+        made = self._scene()
         if parameters["unknown_space"] != "free":
             made = made.with_unknown(
                 parameters["unknown_space"] == "occupied_below",
@@ -310,7 +292,7 @@ def require_grid(snapshot: Snapshot) -> None:
 
 def environment_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
     """Which clouds contradict each other, whether they are too sparse, and what to tell of
-    `unknown_space`: how much of V was seen, or that nobody can tell; and where V lies below a
+    `unknown_space`: that nobody can tell what was seen; and where V lies below a
     ceiling that nobody saw, what to do about it.
 
     Args:
@@ -339,11 +321,5 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
             f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen "
             "from; publish organised clouds in their optical frame, or name their frame in "
             "sensor_frames"
-        )
-    elif asked != "free" and environment is not None and environment.seen is not None:
-        upto = " up to the highest thing measured" if asked == "occupied_below" else ""
-        notes.append(
-            f"the sensors have seen {environment.seen:.0%} of target_volume; with unknown_space: "
-            f"{asked} the rest counts as occupied{upto}"
         )
     return notes

@@ -86,7 +86,7 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             b.wait(lambda: "0.004" in browser.fields, again=b.feed)
             assert "0.2 here" in browser.fields  # what is typed outlives what the node changes
             browser.press("Start")
-            find(b, browser, "six numbers for each box")
+            find(b, browser, "not sent")
             browser.fill("0.2 here", "0.2 0 -0.1 0.6 0.3 0.2")
             b.feed()
             browser.press("Start")
