@@ -244,13 +244,13 @@ def leaf_keeps_boxes(
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def bodies_keep_boxes(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, bodies: int, kept: KeptMargins
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, kept: KeptMargins
 ) -> bool:
-    """Whether the first moving bodies certainly keep the margin from the obstacle set.
+    """Whether bodies, those among the first `count` items asked for, certainly keep the margin from
+    the obstacle set.
 
     The scratch's `motion` says how far each moves, metres, of which much is left to shorter
-    intervals, and -1 where it is not asked for; what is not kept of that beside the margin is set
-    to 0.
+    intervals; what is not kept of that beside the margin is set to 0.
 
     The field bounds the distance d of any point (`distance_bounds`). A sphere of radius r around
     the point holds a piece of the body: it is `need` away from all boxes where d - r ≥ `need`. A
@@ -260,14 +260,16 @@ def bodies_keep_boxes(
     """
     if boxes.number == 0:
         return True
-    sets, nodes, spheres, inner = arm.sets, arm.nodes, arm.node_spheres, arm.node_inner
+    sets, nodes, spheres = arm.sets, arm.nodes, arm.node_spheres
     frames, field_grid, field = scratch.frames, boxes.field_grid, boxes.field
-    margin, leaves, count = kept.margin, scratch.leaves, 0
-    for body in range(bodies):
-        scratch.leaf_ends[body] = count
-        motion = scratch.motion[body]
-        if motion < 0.0 or (kept.contact and body == arm.held):
+    margin, leaves, opened, bodies = kept.margin, scratch.leaves, 0, 0
+    while bodies < count and scratch.asked[bodies] < arm.moving:
+        body = scratch.asked[bodies]
+        scratch.leaf_ends[bodies] = opened
+        bodies += 1
+        if kept.contact and body == arm.held:
             continue
+        motion = scratch.motion[body]
         joint, ball = arm.bodies[body, at.BODY_JOINT], arm.body_spheres[body]
         first, last = arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]
         # The sphere around all sets; that around a single one is the root of its tree.
@@ -283,7 +285,7 @@ def bodies_keep_boxes(
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
             lower, upper = distance_bounds(field_grid, field, x, y, z)
             lower -= spheres[node, 3] + BOUND_TOLERANCE_M
-            upper -= inner[node] - BOUND_TOLERANCE_M
+            upper -= spheres[node, 4] - BOUND_TOLERANCE_M
             # The sphere keeps its distance: skip all that is below it.
             if lower >= margin + motion:
                 node = nodes[node, at.NODE_SKIP]
@@ -299,16 +301,16 @@ def bodies_keep_boxes(
                 continue
             # A leaf stays open.
             if leaf:
-                leaves[count] = node
-                count += 1
+                leaves[opened] = node
+                opened += 1
             node += 1
         scratch.motion[body] = motion
-    scratch.leaf_ends[bodies] = count
+    scratch.leaf_ends[bodies] = opened
     # What is left open of each body, against boxes.
-    for body in range(bodies):
-        motion, previous = scratch.motion[body], -1
-        k = scratch.leaf_ends[body]
-        while k < scratch.leaf_ends[body + 1]:
+    for asked in range(bodies):
+        body, previous = scratch.asked[asked], -1
+        motion, k = scratch.motion[body], scratch.leaf_ends[asked]
+        while k < scratch.leaf_ends[asked + 1]:
             s = nodes[leaves[k], at.NODE_SET]
             if s != previous:
                 previous = s

@@ -12,6 +12,7 @@ from numba import njit
 
 from placement_planner_ros.core.collision.meshes import MeshArrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
+from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -37,14 +38,6 @@ def box_corner(boxes: Array, box: int, number: int) -> Point:
         boxes[box, 1 if number & 2 == 0 else 4],
         boxes[box, 2 if number & 4 == 0 else 5],
     )
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _move_point(T: Array, point: Point, room: Array, row: int) -> None:
-    """Write T (4, 4) times a point into a row of (., 3)."""
-    x, y, z = point
-    for i in range(3):
-        room[row, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + T[i, 3]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -109,7 +102,7 @@ def meshes_keep(
 
     Args:
         pair: of the meshes.
-        T: (4, 4) pose of the second mesh in the first.
+        T: (1, 4, 4) pose of the second mesh in the first.
         room: (8, 3) at least; work: (9, 4): work space.
     """
     mesh, other = pair
@@ -120,7 +113,8 @@ def meshes_keep(
     while True:
         # The box around what is below the node, in the first mesh's frame.
         for row in range(8):
-            _move_point(T, box_corner(meshes.boxes, root + node, row), room, row)
+            x, y, z = box_corner(meshes.boxes, root + node, row)
+            room[row, 0], room[row, 1], room[row, 2] = to_world(T, 0, x, y, z)
         near = not mesh_keeps_hull(meshes, mesh, room, 8, need, work)
         # An inner node whose box is near: on to its left child.
         if near and node < inner:
@@ -131,8 +125,8 @@ def meshes_keep(
             first = leaf + node - inner
             for t in range(leaves[first], leaves[first + 1]):
                 for v in range(3):
-                    k = 3 * t + v
-                    _move_point(T, (corners[k, 0], corners[k, 1], corners[k, 2]), room, v)
+                    x, y, z = corners[3 * t + v, 0], corners[3 * t + v, 1], corners[3 * t + v, 2]
+                    room[v, 0], room[v, 1], room[v, 2] = to_world(T, 0, x, y, z)
                 if not mesh_keeps_hull(meshes, mesh, room, 3, need, work):
                     return False
         node = _next_node(node)
@@ -142,13 +136,13 @@ def meshes_keep(
     points = meshes.components
     for c in range(meshes.first_component[mesh], meshes.first_component[mesh + 1]):
         # A point of each component of the first mesh, in the frame of the second.
-        x, y, z = points[c, 0] - T[0, 3], points[c, 1] - T[1, 3], points[c, 2] - T[2, 3]
+        x, y, z = points[c, 0] - T[0, 0, 3], points[c, 1] - T[0, 1, 3], points[c, 2] - T[0, 2, 3]
         inside = winding_number(
             meshes,
             other,
-            T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
-            T[0, 1] * x + T[1, 1] * y + T[2, 1] * z,
-            T[0, 2] * x + T[1, 2] * y + T[2, 2] * z,
+            T[0, 0, 0] * x + T[0, 1, 0] * y + T[0, 2, 0] * z,
+            T[0, 0, 1] * x + T[0, 1, 1] * y + T[0, 2, 1] * z,
+            T[0, 0, 2] * x + T[0, 1, 2] * y + T[0, 2, 2] * z,
         )
         if inside != 0:
             return False

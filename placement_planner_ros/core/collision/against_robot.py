@@ -15,7 +15,7 @@ from numba import njit
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import MESH_MOTION_M, SET_MOTION_M
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
-from placement_planner_ros.core.collision.placed_meshes import mesh_keeps_points, placed_meshes_keep
+from placement_planner_ros.core.collision.placed_meshes import solids_keep
 from placement_planner_ros.core.collision.placing import place_set
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.types import Array
@@ -121,47 +121,42 @@ def _parts_keep(
     return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _meshes_keep(arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float) -> bool:
-    """Whether what sets a and b are parts of keep `need`: two meshes, or a mesh and a set."""
-    sets = arm.sets
-    mesh, other = sets[a, at.SET_MESH], sets[b, at.SET_MESH]
-    if mesh >= 0 and other >= 0:
-        return placed_meshes_keep(arm, scratch, mesh, other, need)
-    # The set's hull, its radius added to what is to be kept.
-    s = b if mesh >= 0 else a
-    hull = (scratch.vertices, sets[s, at.SET_FIRST_VERTEX], sets[s + 1, at.SET_FIRST_VERTEX])
-    return mesh_keeps_points(arm, scratch, max(mesh, other), hull, need + arm.radius[s])
-
-
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def tabled_apart(arm: ArmArrays, pair: int, q: Array, delta: Array) -> bool:
     """Whether a pair's table says that it is `clear` apart wherever joints are within ±delta of q.
 
-    Its cells say how many cells around them do.
+    Its cells say how many cells away the nearest is that is not apart.
     """
-    rows, columns = arm.pair_cells[pair, 0], arm.pair_cells[pair, 1]
-    apart = False
-    if rows > 0:
-        # The cell of both angles, and how many cells around it the ranges touch.
-        joint = arm.pairs[pair, at.PAIR_OUTWARD]
-        u, v, reach = (q[joint] - arm.pair_lower[pair, 0]) / at.CELL_RAD, 0.0, delta[joint]
-        if columns > 1:
-            v = (q[joint + 1] - arm.pair_lower[pair, 1]) / at.CELL_RAD
-            reach = max(reach, delta[joint + 1])
-        if 0.0 <= u < rows and 0.0 <= v < columns:
-            cell = arm.pair_cells[pair, 2] + int(u) * columns + int(v)
-            apart = arm.tables[cell] > (1.0 + reach / at.CELL_RAD if reach > 0.0 else 0.0)
-    return apart
+    rows, columns = arm.pairs[pair, at.PAIR_ROWS], arm.pairs[pair, at.PAIR_COLUMNS]
+    if rows == 0:
+        return False
+    # The rows and columns of cells that the ranges touch, all of them in the table.
+    joint, per_rad = arm.pairs[pair, at.PAIR_OUTWARD], 1.0 / at.CELL_RAD
+    x, y, wide, high = (q[joint] - arm.pair_lower[pair, 0]) * per_rad, 0.5, delta[joint], 0.0
+    if columns > 1:
+        y, high = (q[joint + 1] - arm.pair_lower[pair, 1]) * per_rad, delta[joint + 1]
+    x0, x1 = x - wide * per_rad, x + wide * per_rad
+    y0, y1 = y - high * per_rad, y + high * per_rad
+    if not (x0 >= 0.0 and x1 < rows and y0 >= 0.0 and y1 < columns):
+        return False
+    # Along the longer side of what they touch, halfway across it: each cell tells as far as it can.
+    begin, end, low, last, step, across = int(x0), int(x1), int(y0), int(y1), columns, 1
+    if end - begin < last - low:
+        begin, end, low, last, step, across = low, last, begin, end, 1, columns
+    middle = (low + last) // 2
+    while begin <= end:
+        away = arm.tables[arm.pairs[pair, at.PAIR_CELL] + begin * step + middle * across]
+        if away <= last - middle:
+            return False
+        begin += away
+    return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _pair_keeps(
     arm: ArmArrays, scratch: ArmScratch, pair: int, margin: float, motion: float
 ) -> float:
-    """How much of a motion a pair of bodies certainly keeps beside the margin.
-
-    The balls around both, what its table knows of the ranges of joints in `edge`, then their parts.
+    """How much of a motion the parts of a pair of bodies certainly keep beside the margin.
 
     Args:
         motion: metres; much of it is left to shorter intervals.
@@ -172,14 +167,6 @@ def _pair_keeps(
     bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
     a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
-    dx = body_spheres[a, 0] - body_spheres[b, 0]
-    dy = body_spheres[a, 1] - body_spheres[b, 1]
-    dz = body_spheres[a, 2] - body_spheres[b, 2]
-    reach = body_spheres[a, 3] + body_spheres[b, 3] + margin + motion + BOUND_TOLERANCE_M
-    if dx * dx + dy * dy + dz * dz > reach * reach:
-        return motion
-    if margin <= arm.clear and tabled_apart(arm, pair, scratch.edge[0], scratch.edge[2]):
-        return motion
     # Where the directions of their parts are remembered.
     fixed = a >= arm.moving
     slot = arm.pairs[pair, at.PAIR_SLOT]
@@ -225,7 +212,7 @@ def _pair_keeps(
             covers = (mesh >= 0 or other >= 0) and motion <= MESH_MOTION_M
             if _parts_keep(arm, scratch, s, t, slot - last_b + t, need, motion) or known:
                 t += 1
-            elif covers and _meshes_keep(arm, scratch, s, t, need):
+            elif covers and solids_keep(arm, scratch, s, t, need):
                 apart, apart_other = mesh, other
                 t += 1
             elif motion > 0.0:
@@ -237,18 +224,34 @@ def _pair_keeps(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def pairs_keep(arm: ArmArrays, scratch: ArmScratch, margin: float) -> bool:
-    """Whether the pairs of bodies that are asked for certainly keep the margin.
+def pairs_keep(arm: ArmArrays, scratch: ArmScratch, count: int, margin: float) -> bool:
+    """Whether pairs of bodies, those among the first `count` items asked for, certainly keep the
+    margin.
 
     The scratch's `motion` says how far both of a pair move to each other, metres, of which much is
-    left to shorter intervals, and -1 where it is not asked for; what is not kept of that beside the
-    margin is set to 0. Joints are in the ranges of the scratch's `edge`.
+    left to shorter intervals; what is not kept of that beside the margin is set to 0. Joints are in
+    the ranges of the scratch's `edge`.
     """
-    for pair in range(arm.pairs.shape[0]):
-        motion = scratch.motion[arm.moving + pair]
-        if motion >= 0.0:
-            kept = _pair_keeps(arm, scratch, pair, margin, motion)
-            if kept < 0.0:
-                return False
-            scratch.motion[arm.moving + pair] = kept
+    spheres, pairs, q, delta = scratch.body_spheres, arm.pairs, scratch.edge[0], scratch.edge[2]
+    for k in range(count):
+        item = scratch.asked[k]
+        if item < arm.moving:
+            continue
+        # The balls around both bodies.
+        pair, motion = item - arm.moving, scratch.motion[item]
+        a, b = pairs[pair, at.PAIR_INNER], pairs[pair, at.PAIR_OUTER]
+        dx = spheres[a, 0] - spheres[b, 0]
+        dy = spheres[a, 1] - spheres[b, 1]
+        dz = spheres[a, 2] - spheres[b, 2]
+        reach = spheres[a, 3] + spheres[b, 3] + margin + motion + BOUND_TOLERANCE_M
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            continue
+        # What their table knows of the ranges of joints.
+        if margin <= arm.clear and tabled_apart(arm, pair, q, delta):
+            continue
+        # Their parts.
+        kept = _pair_keeps(arm, scratch, pair, margin, motion)
+        if kept < 0.0:
+            return False
+        scratch.motion[item] = kept
     return True

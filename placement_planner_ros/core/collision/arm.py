@@ -18,7 +18,13 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import KeptMargins
-from placement_planner_ros.core.collision.arrays import ArmArrays, FlatArm, lay_out_arm, scratch_for
+from placement_planner_ros.core.collision.arrays import (
+    ArmArrays,
+    FlatArm,
+    lay_out_arm,
+    place_body,
+    scratch_for,
+)
 from placement_planner_ros.core.collision.attached_object import (
     AttachedObject,
     PlacedObject,
@@ -28,7 +34,6 @@ from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.configurations import check_states, hand_keeps
 from placement_planner_ros.core.collision.edges import EdgeLimits, JointEdge, check_edge
 from placement_planner_ros.core.collision.pair_tables import with_pair_tables
-from placement_planner_ros.core.collision.placing import place_body
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape, link_shapes
 from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
@@ -156,9 +161,7 @@ class ArmCollision:
         if isinstance(load, PlacedObject):
             self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUED_INTERVALS, 2))
-        self._settled = np.zeros(
-            (_QUEUED_INTERVALS, arrays.moving + len(arrays.pairs)), dtype=np.bool_
-        )
+        self._settled = np.zeros((_QUEUED_INTERVALS, len(arrays.movers)), dtype=np.bool_)
         self._no_deviation = np.zeros(self._dof)
         # The same arm against another set of obstacles, in the same buffers.
         self._aside: ArmCollision | None = None
@@ -227,13 +230,9 @@ class ArmCollision:
         """
         # The margins, less what inverse kinematics may miss.
         margin, self_margin, _ = self._margins(reserve, contact)
-        return not hand_keeps(
-            self._flat.arrays,
-            self._boxes,
-            self._scratch,
-            T_world_tip @ self._T_tip_joint,
-            KeptMargins(margin - slack, self_margin - slack, contact),
-        )
+        kept = KeptMargins(margin - slack, self_margin - slack, contact)
+        self._scratch.frames[self._dof - 1] = T_world_tip @ self._T_tip_joint
+        return not hand_keeps(self._flat.arrays, self._boxes, self._scratch, kept)
 
     def edge_free(
         self,
@@ -300,8 +299,7 @@ class ArmCollision:
     def place(self, T_world_object: pin.SE3) -> None:
         """Put the placed object elsewhere, here and in what `with_pairs` made."""
         (row,) = (i for i, body in enumerate(self._flat.bodies) if body.joint == PLACED_JOINT)
-        self._scratch.frames[-1] = T_world_object.homogeneous
-        place_body(self._flat.arrays, self._scratch, row)
+        place_body(self._flat, self._scratch, row, T_world_object)
 
     def with_pairs(
         self,
@@ -319,12 +317,13 @@ class ArmCollision:
         # Rows of the pairs that are kept.
         names = [body.name for body in self._flat.bodies]
         pairs = self._flat.arrays.pairs
-        rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
+        rows = [kept(names[a], names[b]) for a, b, *_ in pairs.tolist()]
         other = copy.copy(self)
-        fewer = self._flat.arrays._replace(
+        arrays = self._flat.arrays
+        fewer = arrays._replace(
             pairs=pairs[rows],
-            pair_cells=self._flat.arrays.pair_cells[rows],
-            pair_lower=self._flat.arrays.pair_lower[rows],
+            movers=arrays.movers[[*[True] * arrays.moving, *rows]],
+            pair_lower=arrays.pair_lower[rows],
         )
         other._flat = replace(self._flat, arrays=fewer)
         other.settings = settings or self.settings

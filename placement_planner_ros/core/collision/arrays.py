@@ -18,7 +18,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
-from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows, body_rows
+from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows
+from placement_planner_ros.core.collision.spheres import body_rows
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array
@@ -31,6 +32,7 @@ NODE_SKIP, NODE_SET = 0, 1
 SET_FIRST_NODE, SET_FIRST_VERTEX, SET_JOINT, SET_MESH = 0, 1, 2, 3
 MESH_TREE, MESH_JOINT = 0, 1
 PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD = 0, 1, 2, 3
+PAIR_ROWS, PAIR_COLUMNS, PAIR_CELL = 4, 5, 6
 """Columns of the tables of `ArmArrays`."""
 
 CELL_RAD = 2.0 * math.pi / 720.0
@@ -63,9 +65,8 @@ class ArmArrays(NamedTuple):
     nodes: Indices
     """(k, 2) next node not below, set of a leaf (-1 above leaves)."""
     node_spheres: Array
-    """(k, 4)."""
-    node_inner: Array
-    """(k,) radius of a ball around the sphere's centre that the shape holds, -inf without one."""
+    """(k, 5), behind centre and radius that of a ball around the same centre which the shape holds,
+    -inf without one."""
     sets: Indices
     """(s + 1, 4) first node, first vertex, joint, mesh that it covers, or -1."""
     radius: Array
@@ -77,10 +78,12 @@ class ArmArrays(NamedTuple):
     """(g, 4, 4) T_joint_mesh."""
     trees: MeshArrays
     pairs: Indices
-    """(c, 4) inner body, outer body, first remembered direction, first joint between them."""
-    pair_cells: Indices
-    """(c, 3) of the pair's table of angles: cells along the first joint between both, none without
-    a table, along the second, one without, and the first in `tables`."""
+    """(c, 7) inner body, outer body, first remembered direction, first joint between them; of their
+    table of angles the cells along that joint, none without a table, along the second, one without,
+    and the first in `tables`."""
+    movers: Indices
+    """(. + c, 2) per item, the moving bodies and then the pairs, the body that moves and the first
+    joint that moves it: in a pair those inward of both move both alike."""
     pair_lower: Array
     """(c, 2) angles at which the first cells begin, rad."""
     tables: npt.NDArray[np.uint8]
@@ -110,9 +113,11 @@ class ArmScratch(NamedTuple):
     leaves: Indices
     """(k,) leaf spheres that the field leaves open; `leaf_ends` (b + 1,), how many of each body."""
     leaf_ends: Indices
+    asked: Indices
+    """(. + c,) the items that are asked for, ascending."""
     motion: Array
-    """(. + c,) how far each moving body moves, then those of each pair to each other, metres; -1
-    where that is not asked for, and then 0 where that is not kept."""
+    """(. + c,) how far each moving body moves, then those of each pair to each other, metres; then
+    0 where that is not kept."""
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
@@ -120,8 +125,6 @@ class ArmScratch(NamedTuple):
     sweep: Array
     """(1,) how far all bodies are swept straight up, metres: vertices are made so."""
     work: Array
-    box_corners: Array
-    """(8, 3) of a box, in the world."""
     mesh_points: Array
     """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
     another, and of that one in the first."""
@@ -209,15 +212,17 @@ def lay_out_arm(
     sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
     slots = itertools.accumulate(sizes, initial=0)
     pairs_of = [
-        (a, b, slot, max(ordered[a].joint, -1) + 1)
+        (a, b, slot, max(ordered[a].joint, -1) + 1, 0, 0, 0)
         for (a, b), slot in zip(between, slots, strict=False)
     ]
+    moving = sum(body.joint >= 0 for body in ordered)
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
-        moving=sum(body.joint >= 0 for body in ordered),
+        moving=moving,
         held=number[held] if held is not None else -1,
-        **_stack_bodies(rows, joints, balls, pairs_of),
+        **_stack_bodies(rows, joints, balls),
+        **pair_arrays(moving, np.array(pairs_of, dtype=np.int64).reshape(-1, 7)),
     )
     set_body = np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows])
     return FlatArm(arrays, sum(sizes), ordered, set_body, rows)
@@ -235,7 +240,8 @@ def lone_body(rows: SolidRows) -> FlatArm:
         prismatic=np.zeros(0, dtype=np.bool_),
         moving=1,
         held=-1,
-        **_stack_bodies([rows], [0], [rows.ball()], []),
+        **_stack_bodies([rows], [0], [rows.ball()]),
+        **pair_arrays(1, np.zeros((0, 7), dtype=np.int64)),
     )
     return FlatArm(arrays, 0, (), np.zeros(len(rows.radius), dtype=np.int64), (rows,))
 
@@ -247,29 +253,24 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     joints, sets = len(a.prismatic), len(a.radius)
     frames = np.zeros((joints + 3, 4, 4))
     frames[-2:] = np.eye(4)
-    # Boxes around the sets of bodies that nothing moves, for good.
-    bounds = np.zeros((sets, 6))
-    first = a.sets[:-1, SET_FIRST_VERTEX]
-    bounds[:, :3] = np.minimum.reduceat(a.vertices, first) - a.radius[:, None]
-    bounds[:, 3:] = np.maximum.reduceat(a.vertices, first) + a.radius[:, None]
     fixed = a.sets[:-1, SET_JOINT] > joints
     return ArmScratch(
         frames=frames,
         body_spheres=a.body_spheres.copy(),
-        set_spheres=a.node_spheres[a.sets[:-1, SET_FIRST_NODE]],
+        set_spheres=a.node_spheres[a.sets[:-1, SET_FIRST_NODE], :4],
         vertices=a.vertices.copy(),
-        bounds=bounds,
+        bounds=np.vstack([rows.boxes() for rows in flat.rows]),
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         sides=np.zeros((sets, 3)),
         side=np.zeros(4),
         leaves=np.zeros(len(a.nodes), dtype=np.int64),
         leaf_ends=np.zeros(a.moving + 1, dtype=np.int64),
-        motion=np.zeros(a.moving + len(a.pairs)),
+        asked=np.zeros(len(a.movers), dtype=np.int64),
+        motion=np.zeros(len(a.movers)),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(2, dtype=np.int64),
         sweep=np.zeros(1),
         work=np.zeros((9, 4)),
-        box_corners=np.zeros((8, 3)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_frames=np.zeros((3, 4, 4)),
         direction=np.zeros((flat.directions, 6)),
@@ -280,13 +281,39 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
+def place_body(flat: FlatArm, scratch: ArmScratch, body: int, T_world_body: pin.SE3) -> None:
+    """Put a body that stands in the world, at the origin in `flat`, at that pose."""
+    a, rows = flat.arrays, flat.rows[body].moved(T_world_body)
+    sets = slice(*a.bodies[body : body + 2, BODY_FIRST_SET].tolist())
+    vertices = slice(*a.sets[[sets.start, sets.stop], SET_FIRST_VERTEX].tolist())
+    scratch.frames[a.bodies[body, BODY_JOINT]] = T_world_body.homogeneous
+    scratch.body_spheres[body, :3] = T_world_body.act(a.body_spheres[body, :3])
+    scratch.set_spheres[sets] = rows.node_spheres[rows.sets[:, SET_FIRST_NODE], :4]
+    scratch.vertices[vertices] = rows.vertices
+    scratch.bounds[sets] = rows.boxes()
+
+
+def pair_arrays(moving: int, pairs: Indices) -> dict[str, Any]:
+    """The fields that pairs make, without tables.
+
+    Args:
+        moving: how many bodies the arm moves.
+        pairs: (c, 7).
+    """
+    bodies = np.column_stack([np.arange(moving), np.zeros(moving, dtype=np.int64)])
+    return {
+        "pairs": pairs,
+        "movers": np.vstack([bodies, pairs[:, [PAIR_OUTER, PAIR_OUTWARD]]]),
+        "pair_lower": np.zeros((len(pairs), 2)),
+        "tables": NO_TABLES,
+        "clear": 0.0,
+    }
+
+
 def _stack_bodies(
-    bodies: Sequence[SolidRows],
-    joints: Sequence[int],
-    balls: Sequence[Array],
-    pairs: Sequence[tuple[int, ...]],
+    bodies: Sequence[SolidRows], joints: Sequence[int], balls: Sequence[Array]
 ) -> dict[str, Any]:
-    """The rows of bodies (b), of joints (b), one below the other, and those of pairs."""
+    """The rows of bodies (b), of joints (b), one below the other."""
     rows = SolidRows.joined(bodies)
     sets = [len(each.radius) for each in bodies]
     ends = [*rows.sizes[:1], *rows.sizes[2:3], 0, -1]
@@ -305,16 +332,11 @@ def _stack_bodies(
         "sets": np.vstack([np.insert(rows.sets, SET_JOINT, np.repeat(joints, sets), axis=1), ends]),
         "meshes": meshes.astype(np.int64).reshape(-1, 2),
         "trees": shared_arrays(tuple(trees)),
-        "pairs": np.array(pairs, dtype=np.int64).reshape(-1, 4),
-        "pair_cells": np.zeros((len(pairs), 3), dtype=np.int64),
-        "pair_lower": np.zeros((len(pairs), 2)),
-        "tables": NO_TABLES,
-        "clear": 0.0,
         **{name: getattr(rows, name) for name in _AS_THEY_ARE},
     }
 
 
-_AS_THEY_ARE = "nodes", "node_spheres", "node_inner", "radius", "vertices", "mesh_frames"
+_AS_THEY_ARE = "nodes", "node_spheres", "radius", "vertices", "mesh_frames"
 """Fields that `ArmArrays` has from `SolidRows`."""
 
 

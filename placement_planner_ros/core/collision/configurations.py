@@ -18,7 +18,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 )
 from placement_planner_ros.core.collision.against_robot import pairs_keep
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
-from placement_planner_ros.core.collision.placing import place_frame, place_joints, place_spheres
+from placement_planner_ros.core.collision.placing import place_joints, place_spheres
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -36,42 +36,48 @@ def check_states(
 
     What the last one does not keep them from is the scratch's `hit`. What is not finite does not.
     """
-    # Nothing moves.
-    q = scratch.edge[0]
+    # Everything is asked for, and nothing moves.
+    q, items = scratch.edge[0], len(arm.movers)
     scratch.edge[2, :] = 0.0
-    scratch.motion[:] = 0.0
+    for item in range(items):
+        scratch.asked[item] = item
+        scratch.motion[item] = 0.0
     for i in range(Q.shape[0]):
-        answers[i] = np.isfinite(Q[i].sum())
+        total = 0.0
+        for j in range(q.shape[0]):
+            q[j] = Q[i, j]
+            total += q[j]
+        answers[i] = np.isfinite(total)
         if answers[i]:
-            for j in range(q.shape[0]):
-                q[j] = Q[i, j]
             # Most collisions are with the obstacle set.
             place_joints(arm, scratch, q)
-            answers[i] = bodies_keep_boxes(arm, boxes, scratch, arm.moving, kept)
+            answers[i] = bodies_keep_boxes(arm, boxes, scratch, items, kept)
         if answers[i]:
             # Then the robot against itself.
-            place_spheres(arm, scratch, 0, arm.moving)
-            answers[i] = pairs_keep(arm, scratch, kept.self_margin)
+            place_spheres(arm, scratch, arm.moving)
+            answers[i] = pairs_keep(arm, scratch, items, kept.self_margin)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def hand_keeps(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, T_world_joint: Array, kept: KeptMargins
-) -> bool:
-    """Whether what the last joint carries keeps the margins, its moved frame being at (4, 4)."""
-    last = len(arm.prismatic) - 1
-    place_frame(scratch, last, T_world_joint)
-    # The bodies that the joint carries, which are the first, against the obstacle set.
-    bodies, pairs, carried = arm.bodies, arm.pairs, 0
-    while carried < arm.moving and bodies[carried, at.BODY_JOINT] == last:
-        carried += 1
+def hand_keeps(arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, kept: KeptMargins) -> bool:
+    """Whether what the last joint carries keeps the margins, that joint's frame being placed."""
+    # Whatever was placed before is outdated.
+    scratch.counters[0] += 1
     scratch.motion[:] = 0.0
-    place_spheres(arm, scratch, 0, carried)
+    # The bodies that the joint carries, which are the first, against the obstacle set.
+    last, count = len(arm.prismatic) - 1, 0
+    while count < arm.moving and arm.bodies[count, at.BODY_JOINT] == last:
+        scratch.asked[count] = count
+        count += 1
+    carried = count
+    place_spheres(arm, scratch, carried)
     if not bodies_keep_boxes(arm, boxes, scratch, carried, kept):
         return False
     # Pairs of one of them and a body that nothing moves, wherever joints are.
     scratch.edge[2, :] = np.inf
-    for pair in range(pairs.shape[0]):
-        fixed = pairs[pair, at.PAIR_INNER] >= arm.moving and pairs[pair, at.PAIR_OUTER] < carried
-        scratch.motion[arm.moving + pair] = 0.0 if fixed else -1.0
-    return pairs_keep(arm, scratch, kept.self_margin)
+    for pair in range(arm.pairs.shape[0]):
+        inner, outer = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
+        if inner >= arm.moving and outer < carried:
+            scratch.asked[count] = arm.moving + pair
+            count += 1
+    return pairs_keep(arm, scratch, count, kept.self_margin)

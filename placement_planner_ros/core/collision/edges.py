@@ -97,18 +97,8 @@ def _place_interval(
         delta[j] = half * abs(way) + edge.deviation[j]
     # Place the arm there, and bound its motion.
     place_joints(arm, scratch, q)
-    place_spheres(arm, scratch, 0, arm.moving)
+    place_spheres(arm, scratch, arm.moving)
     bound_motion(arm, scratch, delta, scratch.bound)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _mover_of(arm: ArmArrays, item: int) -> tuple[int, int]:
-    """Which body moves, and the first joint that moves it, for a body's item or that of a pair."""
-    if item < arm.moving:
-        return item, 0
-    # Only the joints between both bodies move one against the other.
-    pair = item - arm.moving
-    return arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -134,15 +124,10 @@ def check_edge(
     """
     if not np.isfinite(edge.a.sum() + edge.b.sum() + edge.deviation.sum()):
         return False
-    bound, straight, moved, kept = (
-        scratch.bound,
-        scratch.bound_straight,
-        scratch.motion,
-        limits.kept,
-    )
+    bound, straight, moved = scratch.bound, scratch.bound_straight, scratch.motion
+    movers, asked, kept = arm.movers, scratch.asked, limits.kept
     queue, settled = work
-    # The items to settle: bodies against the obstacle set, then pairs of bodies.
-    items = arm.moving + arm.pairs.shape[0]
+    items = len(movers)
     # The whole edge is the first interval: middle and half its length, as shares.
     head = 0
     waiting = 1
@@ -158,26 +143,30 @@ def check_edge(
             for j in range(edge.a.shape[0]):
                 scratch.edge[1, j] = abs(edge.b[j] - edge.a[j])
             bound_motion(arm, scratch, scratch.edge[1], straight)
-        # How far each moves within the interval.
+        # What is open, and how far each of it moves within the interval.
+        count = 0
         for item in range(items):
-            outer, first = _mover_of(arm, item)
-            moved[item] = -1.0 if settled[head, item] else bound[outer, first]
+            if not settled[head, item]:
+                asked[count] = item
+                count += 1
+                moved[item] = bound[movers[item, 0], movers[item, 1]]
         # The margins at the middle.
-        if not bodies_keep_boxes(arm, boxes, scratch, arm.moving, kept):
+        if not bodies_keep_boxes(arm, boxes, scratch, count, kept):
             return False
-        if not pairs_keep(arm, scratch, kept.self_margin):
+        if not pairs_keep(arm, scratch, count, kept.self_margin):
             return False
         # What keeps its motion too is settled, and all is to be within the shortest interval.
         open_items = False
-        for item in range(items):
-            outer, first = _mover_of(arm, item)
-            if not settled[head, item] and moved[item] < bound[outer, first]:
-                open_items = True
-                resolution = limits.resolution if item < arm.moving else limits.self_resolution
-                if half * straight[outer, first] <= resolution:
-                    return False
-            else:
+        for k in range(count):
+            item = asked[k]
+            body, first = movers[item, 0], movers[item, 1]
+            if moved[item] >= bound[body, first]:
                 settled[head, item] = True
+                continue
+            open_items = True
+            resolution = limits.resolution if item < arm.moving else limits.self_resolution
+            if half * straight[body, first] <= resolution:
+                return False
         # Halve the interval where anything is open.
         if open_items:
             if waiting + 2 > queue.shape[0]:

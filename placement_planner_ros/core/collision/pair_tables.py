@@ -35,7 +35,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     """
     arrays, scratch = flat.arrays, scratch_for(flat, 0)
     tables: list[bytes] = []
-    cells, lower = np.zeros((len(arrays.pairs), 3), np.int64), np.zeros((len(arrays.pairs), 2))
+    pairs, lower = arrays.pairs.copy(), np.zeros((len(arrays.pairs), 2))
     for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
         # The joints between both, which have limits and turn.
         inner, outer = flat.bodies[a], flat.bodies[b]
@@ -51,10 +51,10 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)
         make = partial(_cells_away, arrays, scratch, row, lower[row], clear, shape)
         # One more table behind the others.
-        cells[row] = *shape, sum(len(table) for table in tables)
+        pairs[row, at.PAIR_ROWS :] = *shape, sum(len(table) for table in tables)
         tables.append(recalled_result("pair tables", key, make))
     made = arrays._replace(
-        pair_cells=cells, pair_lower=lower, tables=_joined_tables(tuple(tables)), clear=clear
+        pairs=pairs, pair_lower=lower, tables=_joined_tables(tuple(tables)), clear=clear
     )
     return replace(flat, arrays=made)
 
@@ -96,8 +96,8 @@ def _fill_table(
     outer, joint = arm.pairs[pair, at.PAIR_OUTER], arm.pairs[pair, at.PAIR_OUTWARD]
     dof = arm.fixed.shape[0] - 1
     q, delta = np.zeros(dof), np.zeros(dof)
-    # Only this pair is asked for.
-    scratch.motion[:] = -1.0
+    # Only this pair is asked for, at a configuration.
+    scratch.asked[0] = arm.moving + pair
     scratch.motion[arm.moving + pair] = 0.0
     # Blocks that wait: first row, first column, cells along each side.
     stack = np.zeros((64, 3), dtype=np.int64)
@@ -113,9 +113,9 @@ def _fill_table(
             q[joint + i] = lower[i] + first * at.CELL_RAD + delta[joint + i]
         # What the pair keeps there, against all that may happen within the block.
         place_joints(arm, scratch, q)
-        place_spheres(arm, scratch, 0, arm.moving)
+        place_spheres(arm, scratch, arm.moving)
         bound_motion(arm, scratch, delta, scratch.bound)
-        if pairs_keep(arm, scratch, clear + scratch.bound[outer, joint]):
+        if pairs_keep(arm, scratch, 1, clear + scratch.bound[outer, joint]):
             apart[k : k + size, m : m + size] = True
         elif size > 1:
             # The block's quarters, those that begin within the table.

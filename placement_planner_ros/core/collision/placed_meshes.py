@@ -37,7 +37,7 @@ def mesh_keeps_points(
     world, first, last = hull
     T, points = scratch.mesh_frames[0], scratch.mesh_points
     _place_mesh(arm, scratch, mesh, T)
-    # The points in the mesh's frame: from its origin, turned back.
+    # The points, which may be there already, in the mesh's frame: from its origin, turned back.
     for v in range(first, last):
         dx, dy, dz = world[v, 0] - T[0, 3], world[v, 1] - T[1, 3], world[v, 2] - T[2, 3]
         for i in range(3):
@@ -54,7 +54,7 @@ def mesh_keeps_box(
 
     What is swept up meets a box where it meets, as it is, what the box sweeps downward.
     """
-    corners = scratch.box_corners
+    corners = scratch.mesh_points
     for row in range(8):
         x, y, z = box_corner(boxes, box, row)
         corners[row, 0], corners[row, 1] = x, y
@@ -63,12 +63,17 @@ def mesh_keeps_box(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def placed_meshes_keep(
-    arm: ArmArrays, scratch: ArmScratch, mesh: int, other: int, need: float
-) -> bool:
-    """Whether two meshes are certainly `need` apart."""
+def solids_keep(arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float) -> bool:
+    """Whether what sets a and b are parts of keep `need`: two meshes, or a mesh and a set."""
+    sets = arm.sets
+    mesh, other = sets[a, at.SET_MESH], sets[b, at.SET_MESH]
+    if mesh < 0 or other < 0:
+        # The set's hull, its radius added to what is to be kept.
+        s = b if mesh >= 0 else a
+        hull = (scratch.vertices, sets[s, at.SET_FIRST_VERTEX], sets[s + 1, at.SET_FIRST_VERTEX])
+        return mesh_keeps_points(arm, scratch, max(mesh, other), hull, need + arm.radius[s])
     # Both meshes in the world.
-    A, B, T = scratch.mesh_frames[0], scratch.mesh_frames[1], scratch.mesh_frames[2]
+    A, B, T = scratch.mesh_frames[0], scratch.mesh_frames[1], scratch.mesh_frames[2:]
     _place_mesh(arm, scratch, mesh, A)
     _place_mesh(arm, scratch, other, B)
     # T_mesh_other, column by column.
@@ -77,6 +82,6 @@ def placed_meshes_keep(
         if j == 3:
             x, y, z = x - A[0, 3], y - A[1, 3], z - A[2, 3]
         for i in range(3):
-            T[i, j] = A[0, i] * x + A[1, i] * y + A[2, i] * z
+            T[0, i, j] = A[0, i] * x + A[1, i] * y + A[2, i] * z
     pair = arm.meshes[mesh, at.MESH_TREE], arm.meshes[other, at.MESH_TREE]
     return meshes_keep(arm.trees, pair, T, need, scratch.mesh_points, scratch.work)

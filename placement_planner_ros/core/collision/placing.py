@@ -13,15 +13,6 @@ from placement_planner_ros.core.uncounted import Uncounted
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def place_frame(scratch: ArmScratch, joint: int, T: Array) -> None:
-    """Put one frame at T (4, 4); whatever was placed in the world before is outdated."""
-    scratch.counters[0] += 1
-    for i in range(4):
-        for j in range(4):
-            scratch.frames[joint, i, j] = T[i, j]
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,); whatever was placed in the world before is outdated."""
     # A new stamp outdates all that was placed before.
@@ -30,12 +21,12 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def place_spheres(arm: ArmArrays, scratch: ArmScratch, first: int, end: int) -> None:
-    """Bounding spheres of bodies from the first to before the end, and of their sets."""
+def place_spheres(arm: ArmArrays, scratch: ArmScratch, count: int) -> None:
+    """Bounding spheres of the first bodies, so many, and of their sets."""
     frames, bodies = scratch.frames, arm.bodies
     local, world = arm.body_spheres, scratch.body_spheres
     nodes, set_world = arm.node_spheres, scratch.set_spheres
-    for body in range(first, end):
+    for body in range(count):
         joint = bodies[body, at.BODY_JOINT]
         # The ball around the body.
         world[body, 0], world[body, 1], world[body, 2] = to_world(
@@ -72,12 +63,3 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         # The box around the set, its radius included.
         bounds[s, i] = low - radius
         bounds[s, i + 3] = high + radius
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def place_body(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
-    """Spheres and sets of one body in the world, its joint's frame being placed."""
-    # Its sets, whether any pair asks for them or not.
-    place_spheres(arm, scratch, body, body + 1)
-    for s in range(arm.bodies[body, at.BODY_FIRST_SET], arm.bodies[body + 1, at.BODY_FIRST_SET]):
-        place_set(arm, scratch, s)

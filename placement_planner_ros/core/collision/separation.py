@@ -18,67 +18,53 @@ from placement_planner_ros.core.uncounted import Uncounted
 BOUND_TOLERANCE_M = 1e-6
 """Metres by which a bound must pass its threshold to decide."""
 
-_WOLFE_ITERATIONS = 40
-
 PointRange = tuple[Array, int, int]
 """Points of which those from the second to before the third stand for their hull; where they are
 (., 6) lower and upper corners, the first of these boxes."""
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _affine_minimum(simplex: Array, alpha: Array, system: Array, count: int) -> bool:
-    """The point next to the origin of the affine hull of `count` points, as alpha @ simplex.
-
-    It is s_0 + E beta with E the edges from s_0, where Eᵀ E beta = -Eᵀ s_0, by elimination.
-
-    Args:
-        system: (3, 4) work space.
-
-    Returns:
-        False where the simplex is degenerate.
-    """
-    edges = count - 1
-    for i in range(edges):
-        for j in range(edges + 1):
-            total = 0.0
-            for k in range(3):
-                other = simplex[j + 1, k] - simplex[0, k] if j < edges else -simplex[0, k]
-                total += (simplex[i + 1, k] - simplex[0, k]) * other
-            system[i, j] = total
-        alpha[i + 1] = system[i, i]
-    for i in range(edges):
-        # What is left of the edge's square beside those before: it is none of their span.
-        if system[i, i] <= 1e-14 * alpha[i + 1] + 1e-30:
-            return False
-        for row in range(edges):
-            if row != i:
-                factor = system[row, i] / system[i, i]
-                for j in range(i, edges + 1):
-                    system[row, j] -= factor * system[i, j]
-    alpha[0] = 1.0
-    for i in range(edges):
-        alpha[i + 1] = system[i, edges] / system[i, i]
-        alpha[0] -= alpha[i + 1]
-    return True
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def minimum_norm_point(simplex: Array, weights: Array, system: Array, count: int) -> int:
+def minimum_norm_point(simplex: Array, weights: Array, edges: Array, count: int) -> int:
     """Reduce a simplex of `count` ≤ 4 points to the face that holds its point next to the origin.
 
     The minor cycle of Wolfe's algorithm. `simplex` (4, 3) and `weights` (8,) are changed in place;
     the point is weights[:4] @ simplex.
 
     Args:
-        system: (3, 4) work space.
+        edges: (3, 4) work space.
 
     Returns:
         The number of points left, or -1 where the simplex is degenerate.
     """
     alpha = weights[4:8]
-    for _ in range(6):
-        if not _affine_minimum(simplex, alpha, system, count):
-            return -1
+    while True:
+        # The edges from the first corner, each less what lies along those before it, by
+        # Gram-Schmidt; the square of its length behind.
+        for i in range(count - 1):
+            x = simplex[i + 1, 0] - simplex[0, 0]
+            y = simplex[i + 1, 1] - simplex[0, 1]
+            z = simplex[i + 1, 2] - simplex[0, 2]
+            whole = x * x + y * y + z * z
+            for j in range(i):
+                along = (x * edges[j, 0] + y * edges[j, 1] + z * edges[j, 2]) / edges[j, 3]
+                x -= along * edges[j, 0]
+                y -= along * edges[j, 1]
+                z -= along * edges[j, 2]
+            left = x * x + y * y + z * z
+            if left <= 1e-14 * whole + 1e-30:
+                return -1
+            edges[i, 0], edges[i, 1], edges[i, 2], edges[i, 3] = x, y, z, left
+        # From the first corner to the point next to the origin of their affine hull, the last edge
+        # first: along it as far as no other edge leads there, as alpha @ simplex.
+        x, y, z = simplex[0, 0], simplex[0, 1], simplex[0, 2]
+        alpha[0] = 1.0
+        for i in range(count - 2, -1, -1):
+            along = -(x * edges[i, 0] + y * edges[i, 1] + z * edges[i, 2]) / edges[i, 3]
+            x += along * (simplex[i + 1, 0] - simplex[0, 0])
+            y += along * (simplex[i + 1, 1] - simplex[0, 1])
+            z += along * (simplex[i + 1, 2] - simplex[0, 2])
+            alpha[i + 1] = along
+            alpha[0] -= along
         # Where it lies within the simplex it is the answer; else walk towards it up to the face
         # that is met first, ...
         inside = True
@@ -111,7 +97,6 @@ def minimum_norm_point(simplex: Array, weights: Array, system: Array, count: int
         for i in range(kept):
             weights[i] /= total
         count = kept
-    return -1
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -138,13 +123,13 @@ def sets_keep(first: PointRange, second: PointRange, distance: float, work: Arra
             the sets are apart the direction in which they are.
     """
     # Room for the simplex and the weights of its corners.
-    simplex, weights, system = work[:3].reshape(4, 3), work[3:5].reshape(8), work[6:9]
+    simplex, weights, edges = work[:3].reshape(4, 3), work[3:5].reshape(8), work[6:9]
     vertices, others = first[0], second[0]
     distance += BOUND_TOLERANCE_M
     x, y, z = work[5, 0], work[5, 1], work[5, 2]
     upper = np.inf
     count = 0
-    for _ in range(_WOLFE_ITERATIONS):
+    while True:
         # How far v is from the origin.
         norm = np.sqrt(x * x + y * y + z * z)
         if norm < 1e-12:
@@ -175,7 +160,7 @@ def sets_keep(first: PointRange, second: PointRange, distance: float, work: Arra
         # Add w to the simplex, and reduce that to the face next to the origin.
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
         weights[count] = 0.0 if count > 0 else 1.0
-        count = minimum_norm_point(simplex, weights, system, count + 1)
+        count = minimum_norm_point(simplex, weights, edges, count + 1)
         if count < 0:
             return False
         # The next v: that face's point next to the origin, which lies in A ⊖ B.
@@ -184,7 +169,8 @@ def sets_keep(first: PointRange, second: PointRange, distance: float, work: Arra
             x += weights[i] * simplex[i, 0]
             y += weights[i] * simplex[i, 1]
             z += weights[i] * simplex[i, 2]
-        upper = np.sqrt(x * x + y * y + z * z)
-        if upper < distance:
+        nearer = np.sqrt(x * x + y * y + z * z)
+        # It is too near, or rounding keeps it from coming nearer.
+        if nearer < distance or nearer >= upper:
             return False
-    return False
+        upper = nearer

@@ -1,11 +1,12 @@
 """The one flat form of solids: convex sets, the spheres around them, and the meshes they cover.
 
-Of a shape, of a body's parts one after the other, and of all bodies of an arm: `SolidRows` are
-made once of a shape, moved, and joined.
+Of a convex set, of a shape, of a body's parts one after the other, and of all bodies of an arm:
+`SolidRows` are made once of a set (`spheres`), moved, and joined.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,10 +17,7 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.spheres import sphere_trees
-from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
 
@@ -51,8 +49,8 @@ class SolidRows:
 
     Attributes:
         nodes: (k, 2) next node not below, set of a leaf or -1.
-        node_spheres: (k, 4) centre and radius.
-        node_inner: (k,) radius of a ball around the same centre that lies inside, -inf without.
+        node_spheres: (k, 5) centre, radius, and radius of a ball around the same centre that lies
+            inside, -inf where none is known.
         sets: (s, 3) first node, first vertex, mesh that it covers or -1.
         radius: (s,) that each set is dilated by.
         vertices: (v, 3).
@@ -61,39 +59,11 @@ class SolidRows:
 
     nodes: Indices
     node_spheres: Array
-    node_inner: Array
     sets: Indices
     radius: Array
     vertices: Array
     meshes: tuple[MeshTree, ...]
     mesh_frames: Array
-
-    @classmethod
-    def of(cls, shape: Shape, excess: float) -> SolidRows:
-        """Of a shape in its own frame.
-
-        Args:
-            excess: how far the finest covering spheres may stick out, metres; infinite for one
-                sphere around each set.
-        """
-        mesh = -1 if shape.mesh is None else 0
-        rows = [
-            cls(
-                np.column_stack([tree.skip, np.where(tree.leaf, 0, -1)]),
-                np.column_stack([tree.centers, tree.radii]),
-                tree.inner,
-                np.array([[0, 0, mesh]]),
-                np.array([convex.radius]),
-                convex.vertices,
-                (),
-                np.zeros((0, 4, 4)),
-            )
-            for convex, tree in zip(shape.sets, sphere_trees(shape, excess), strict=True)
-        ]
-        joined = rows[0] if len(rows) == 1 else cls.joined(rows)
-        if shape.mesh is None:
-            return joined
-        return replace(joined, meshes=(shape.mesh,), mesh_frames=np.eye(4)[None])
 
     @classmethod
     def joined(cls, rows: Sequence[SolidRows]) -> SolidRows:
@@ -106,7 +76,6 @@ class SolidRows:
         return cls(
             np.vstack(nodes),
             np.vstack([each.node_spheres for each in rows]),
-            np.concatenate([each.node_inner for each in rows]),
             np.vstack(sets),
             np.concatenate([each.radius for each in rows]),
             np.vstack([each.vertices for each in rows]),
@@ -125,31 +94,34 @@ class SolidRows:
         spheres = self.node_spheres
         return replace(
             self,
-            node_spheres=np.column_stack([spheres[:, :3] @ R.T + p, spheres[:, 3]]),
+            node_spheres=np.column_stack([spheres[:, :3] @ R.T + p, spheres[:, 3:]]),
             vertices=self.vertices @ R.T + p,
             mesh_frames=T.homogeneous @ self.mesh_frames,
         )
 
+    def boxes(self) -> Array:
+        """(s, 6) boxes around the sets, lower then upper corner."""
+        first, radius = self.sets[:, 1], self.radius[:, None]
+        lower = np.minimum.reduceat(self.vertices, first) - radius
+        return np.hstack([lower, np.maximum.reduceat(self.vertices, first) + radius])
+
     def ball(self) -> Array:
-        """(4,) centre and radius of a ball around all sets, about the middle of their box."""
-        center = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
-        radius = np.linalg.norm(self.vertices - center, axis=1).max()
+        """(4,) centre and radius of a ball around all sets."""
+        center, radius = bounding_sphere(self.vertices)
         return np.append(center, radius + self.radius.max() + BOUND_TOLERANCE_M)
 
 
-@weak_lru_cache("body", maxsize=2)
-def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> tuple[SolidRows, Array]:
-    """The rows of a body, and a ball (4,) around it; links are the same for each grasp and object.
+def bounding_sphere(points: Array) -> tuple[Array, float]:
+    """Centre (3,) and radius of a ball around (n, 3) points, within 1 % of the smallest.
 
-    Args:
-        T_joint_world: (4, 4) of the body's joint, with all joints at zero.
-        excess: how far the finest covering spheres may stick out, metres; ten times that of
-            what does not move.
+    Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
     """
-    step(f"covering {body.name} with spheres")
-    T = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
-    excess = excess if body.joint >= 0 else 10 * excess
-    rows = SolidRows.joined(
-        [SolidRows.of(shape, excess).moved(T * T_part) for shape, T_part in body.parts]
-    )
-    return rows, rows.ball()
+    center = best = points.mean(axis=0)
+    smallest = np.inf
+    for step in range(40):
+        squares = np.square(points - center).sum(axis=1)
+        farthest = squares.argmax()
+        if squares[farthest] < smallest:
+            best, smallest = center, squares[farthest]
+        center = center + (points[farthest] - center) / (step + 2)
+    return best, math.sqrt(smallest)

@@ -8,85 +8,83 @@ it, inside included.
 from __future__ import annotations
 
 import functools
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
+import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
-from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
+from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.collision.solids import (
+    CollisionBody,
+    SolidRows,
+    bounding_sphere,
+)
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
-
-_MAX_TREE_DEPTH = 10
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SphereTree:
-    """Spheres in preorder: each covers what the spheres below it cover.
-
-    Attributes:
-        centers: (n, 3) in the shape's frame, metres.
-        radii: (n,) metres.
-        inner: (n,) radius of a ball around the centre inside of the shape; -inf where none is
-            known to be.
-        skip: (n,) the next sphere not below this one.
-        leaf: (n,) whether there are none below.
-    """
-
-    centers: Array
-    radii: Array
-    inner: Array
-    skip: npt.NDArray[np.int64]
-    leaf: npt.NDArray[np.bool_]
 
 
 @weak_lru_cache("shape", maxsize=8)
-def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
-    """Cover each set of a shape, and keep that on disk.
+def shape_rows(shape: Shape, excess: float) -> SolidRows:
+    """The rows of a shape in its own frame: each set with its spheres in preorder, each of which
+    covers what the spheres below it cover. Kept on disk.
 
     Args:
         shape: what to cover.
-        excess: stop splitting where a sphere sticks out of its set by at most this, metres.
+        excess: stop splitting where a sphere sticks out of its set by at most this, metres;
+            infinite for one sphere around each set.
     """
 
-    def make() -> tuple[SphereTree, ...]:
-        return tuple(_one_sphere_tree(shape, convex, excess) for convex in shape.sets)
+    def make() -> SolidRows:
+        made = SolidRows.joined(
+            [
+                _cover_set(s.vertices.tobytes(), len(s.offsets) > 0, s.radius, excess)
+                for s in shape.sets
+            ]
+        )
+        if shape.mesh is None:
+            return made
+        # Balls of a cover's spheres that lie inside the mesh itself, as far as that is closed.
+        spheres = made.node_spheres
+        away, _ = SolidSurface(mesh_arrays([shape.mesh])).distances(spheres[:, :3], np.inf)
+        inner = np.where(away < 0.0, -away - BOUND_TOLERANCE_M, -np.inf)
+        return replace(made, node_spheres=np.column_stack([spheres[:, :4], inner]))
 
     sets = tuple((s.vertices, s.radius) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
-    return recalled_result("sphere trees", key, make)
-
-
-def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
-    volume = len(convex.offsets) > 0
-    # Spheres around the convex set.
-    tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
+    rows = recalled_result("sphere trees", key, make)
     if shape.mesh is None:
-        return tree
-    # Balls of a cover's spheres that lie inside the mesh itself, as far as that is closed.
-    away, _ = SolidSurface(mesh_arrays([shape.mesh])).distances(tree.centers, np.inf)
-    inner = np.where(away < 0.0, -away - BOUND_TOLERANCE_M, -np.inf)
-    return replace(tree, inner=frozen_array(inner))
+        return rows
+    # The mesh that all of the sets cover.
+    covering = np.column_stack([rows.sets[:, :2], np.zeros(len(rows.sets), dtype=np.int64)])
+    return replace(rows, sets=covering, meshes=(shape.mesh,), mesh_frames=np.eye(4)[None])
 
 
-def _tree_of(rows: list[tuple[float, ...]]) -> SphereTree:
-    """Of rows of centre, radius, inner radius, next sphere not below, and whether it is a leaf."""
-    table = np.array(rows)
-    skip, leaf = table[:, 5].astype(np.int64), table[:, 6] > 0.0
-    for array in (skip, leaf):
-        array.setflags(write=False)
-    spheres = frozen_array(table[:, :3]), frozen_array(table[:, 3]), frozen_array(table[:, 4])
-    return SphereTree(*spheres, skip, leaf)
+@weak_lru_cache("body", maxsize=2)
+def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> tuple[SolidRows, Array]:
+    """The rows of a body, and a ball (4,) around it; links are the same for each grasp and object.
+
+    Args:
+        T_joint_world: (4, 4) of the body's joint, with all joints at zero.
+        excess: how far the finest covering spheres may stick out, metres; ten times that of
+            what does not move.
+    """
+    step(f"covering {body.name} with spheres")
+    T = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
+    excess = excess if body.joint >= 0 else 10 * excess
+    rows = SolidRows.joined(
+        [shape_rows(shape, excess).moved(T * T_part) for shape, T_part in body.parts]
+    )
+    return rows, rows.ball()
 
 
 @functools.lru_cache(maxsize=4096)
-def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> SphereTree:
+def _cover_set(vertices: bytes, volume: bool, radius: float, excess: float) -> SolidRows:
     points = np.frombuffer(vertices).reshape(-1, 3).copy()
     # Facets and edges of the hull, or of a segment.
     if volume:
@@ -95,29 +93,31 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
         edges = points[np.unique(np.sort(sides, axis=1), axis=0)]
     else:  # a point or the axis of a capsule
         facets, edges = np.zeros((1, 4)), points[[[0, len(points) - 1]]]
-    rows: list[tuple[float, ...]] = []
+    nodes: list[tuple[int, int]] = []
+    spheres: list[tuple[float, ...]] = []
 
-    def split(piece: Array, depth: int) -> None:
+    def split(piece: Array) -> None:
         # The centre is a mean of the piece's corners, so the set holds it.
         corners = np.unique(piece.reshape(-1, 3), axis=0)
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
-        leaf = ball - inside <= excess or depth == _MAX_TREE_DEPTH
-        row = len(rows)
-        rows.append(())
+        row = len(nodes)
+        nodes.append((row + 1, 0))
+        outer = ball + radius + BOUND_TOLERANCE_M
+        spheres.append((*center.tolist(), outer, inside + radius - BOUND_TOLERANCE_M))
         # A leaf where the sphere sticks out little, else both halves.
-        if not leaf:
+        if ball - inside > excess:
             # Cut in the middle of the longest extent.
             along = np.linalg.eigh(np.cov(corners.T, bias=True))[1][:, 2]
             heights = piece @ along
             heights -= 0.5 * (heights.min() + heights.max())
             for side in (heights, -heights):
-                split(_lower_part(piece, side), depth + 1)
-        spheres = ball + radius + BOUND_TOLERANCE_M, inside + radius - BOUND_TOLERANCE_M
-        rows[row] = (*center.tolist(), *spheres, len(rows), leaf)
+                split(_lower_part(piece, side))
+            nodes[row] = len(nodes), -1
 
-    split(edges, 0)
-    return _tree_of(rows)
+    split(edges)
+    one_set = np.array([[0, 0, -1]]), np.array([radius])
+    return SolidRows(np.array(nodes), np.array(spheres), *one_set, points, (), np.zeros((0, 4, 4)))
 
 
 def _lower_part(edges: Array, heights: Array) -> Array:
@@ -140,19 +140,3 @@ def _lower_part(edges: Array, heights: Array) -> Array:
     order = np.argsort(np.arctan2(middle @ axes[1], middle @ axes[0]))
     around = np.stack([rim[order], np.roll(rim[order], -1, axis=0)], axis=1)
     return np.concatenate([kept, np.stack([low, rim[: len(low)]], axis=1), around])
-
-
-def bounding_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius of a ball around (n, 3) points, within 1 % of the smallest.
-
-    Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
-    """
-    center = best = points.mean(axis=0)
-    smallest = np.inf
-    for step in range(40):
-        squares = np.square(points - center).sum(axis=1)
-        farthest = squares.argmax()
-        if squares[farthest] < smallest:
-            best, smallest = center, squares[farthest]
-        center = center + (points[farthest] - center) / (step + 2)
-    return best, math.sqrt(smallest)

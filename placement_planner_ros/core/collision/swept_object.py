@@ -29,9 +29,9 @@ from placement_planner_ros.core.collision.arrays import (
     scratch_for,
 )
 from placement_planner_ros.core.collision.attached_object import object_solids
-from placement_planner_ros.core.collision.placing import place_frame
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.solids import SolidRows
+from placement_planner_ros.core.collision.spheres import shape_rows
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
@@ -53,7 +53,7 @@ class SweptObject(NamedTuple):
 
     arm: ArmArrays
     balls: Array
-    """(s, 4) around each set."""
+    """(1 + s, 4) around all of it, then around each set."""
 
 
 def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
@@ -62,7 +62,7 @@ def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
     Args:
         boxes: how many obstacles the work space is for.
     """
-    rows = SolidRows.joined([SolidRows.of(solid.shape, np.inf) for solid in object_solids(body)])
+    rows = SolidRows.joined([shape_rows(solid.shape, np.inf) for solid in object_solids(body)])
     ends = np.append(rows.sets[1:, at.SET_FIRST_VERTEX], len(rows.vertices))
     parts = np.split(rows.vertices, ends[:-1])
     rows = replace(
@@ -71,39 +71,8 @@ def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
         sets=rows.sets * np.where(np.arange(3) == at.SET_FIRST_VERTEX, 2, 1),
     )
     flat = lone_body(rows)
-    return SweptObject(flat.arrays, rows.node_spheres.copy()), scratch_for(flat, boxes)
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _sweep_set(thing: SweptObject, s: int, up: tuple[float, float, float], raised: float) -> None:
-    """Make the second copy of a set's vertices, and its ball.
-
-    Args:
-        up: the way from rest to raised, in the object's frame.
-        raised: its length.
-    """
-    arm = thing.arm
-    first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
-    count = (last - first) // 2
-    node = arm.sets[s, at.SET_FIRST_NODE]
-    for i in range(3):
-        # The raised copy, and the ball around the middle of the sweep.
-        for v in range(first, first + count):
-            arm.vertices[v + count, i] = arm.vertices[v, i] + up[i]
-        arm.node_spheres[node, i] = thing.balls[s, i] + 0.5 * up[i]
-    arm.node_spheres[node, 3] = thing.balls[s, 3] + 0.5 * raised
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def _ball_clear(boxes: BoxArrays, frames: Array, ball: Array, raised: float, margin: float) -> bool:
-    """Whether a ball (4,) in the object's frame, swept, surely keeps the margin from all boxes.
-
-    What it sweeps lies in the ball around the sweep's middle that is larger by half its height.
-    """
-    # The distance of the sweep's middle, against the ball grown by half the sweep.
-    x, y, z = to_world(frames, 0, ball[0], ball[1], ball[2])
-    bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
-    return bound >= ball[3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M)
+    balls = np.vstack([flat.arrays.body_spheres, rows.node_spheres[:, :4]])
+    return SweptObject(flat.arrays, balls), scratch_for(flat, boxes)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -118,27 +87,46 @@ def check_poses(
     """Whether the object keeps the margin on its way straight down onto each pose.
 
     Balls around the object and around each set against the field of distances, then the swept
-    sets against boxes. Filled are the `answers` (n,).
+    sets against boxes. What a ball sweeps lies in the ball around the sweep's middle that is larger
+    by half its height. Filled are the `answers` (n,).
     """
-    arm, frames = thing.arm, scratch.frames
+    arm, frames, balls = thing.arm, scratch.frames, thing.balls
     for row in range(len(answers)):
-        T, raised = poses.T[row], poses.raised[row]
-        place_frame(scratch, 0, T)
-        # The ball around all of the object.
         answers[row] = True
-        if boxes.number == 0 or _ball_clear(boxes, frames, arm.body_spheres[0], raised, margin):
+        if boxes.number == 0:
             continue
+        # The object where it rests; whatever was placed before is outdated.
+        T, raised = poses.T[row], poses.raised[row]
+        scratch.counters[0] += 1
+        for i in range(4):
+            for j in range(4):
+                frames[0, i, j] = T[i, j]
         # The support is that of this pose.
         scratch.sweep[0] = raised
         boxes.support[0] = poses.contact[row]
-        up = (T[2, 0] * raised, T[2, 1] * raised, T[2, 2] * raised)
-        # Set by set: the ball around it, then the boxes in reach, up to the first that is met.
-        for s in range(len(arm.radius)):
-            if _ball_clear(boxes, frames, thing.balls[s], raised, margin):
+        # The ball around all of the object, then those around its sets.
+        for ball in range(len(balls)):
+            x, y, z = to_world(frames, 0, balls[ball, 0], balls[ball, 1], balls[ball, 2])
+            bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
+            if bound >= balls[ball, 3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M):
+                if ball == 0:
+                    break
                 continue
-            _sweep_set(thing, s, up, raised)
-            begin_set(arm, scratch, s, margin)
+            if ball == 0:
+                continue
+            # The set's vertices once more where they are raised, and the ball around both.
+            s = ball - 1
             node = arm.sets[s, at.SET_FIRST_NODE]
+            first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
+            count = (last - first) // 2
+            for i in range(3):
+                up = T[2, i] * raised
+                for v in range(first, first + count):
+                    arm.vertices[v + count, i] = arm.vertices[v, i] + up
+                arm.node_spheres[node, i] = balls[ball, i] + 0.5 * up
+            arm.node_spheres[node, 3] = balls[ball, 3] + 0.5 * raised
+            # The boxes in its reach, up to the first that is met.
+            begin_set(arm, scratch, s, margin)
             if not leaf_keeps_boxes(arm, boxes, scratch, node, margin, True):
                 answers[row] = False
                 break

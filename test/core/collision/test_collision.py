@@ -390,7 +390,7 @@ def test_no_motion_is_larger_than_its_bound(yumi, mixed, size):
             q = rng.uniform(arm.lower, arm.upper)
             delta = size * rng.random(arm.dof)
             place_joints(arrays, scratch, q)
-            place_spheres(arrays, scratch, 0, arrays.moving)
+            place_spheres(arrays, scratch, arrays.moving)
             bound = np.zeros((arrays.moving, arm.dof + 1))
             bound_motion(arrays, scratch, delta, bound)
             for body, name in enumerate(names):

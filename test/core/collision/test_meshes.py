@@ -135,7 +135,7 @@ def test_two_meshes_are_free_and_collide_as_coal_says(first, second):
         T = random_pose(rng, 0.2)
         distance = coal_distance(*surfaces, T)
         need = 0.005
-        answer = meshes_keep(arrays, (0, 1), T, need, room, WORK)
+        answer = meshes_keep(arrays, (0, 1), T[None], need, room, WORK)
         answers.append(answer)
         if abs(distance - need) > 1e-4:
             assert answer == (distance > need), (distance, answer)
@@ -158,7 +158,7 @@ def test_surfaces_that_run_beside_each_other_are_free_as_far_as_they_are_apart(g
         assert 0.0 < distance < gap
         for order, T_order in (((0, 1), T), ((1, 0), np.linalg.inv(T))):
             for share, kept in ((0.98, True), (1.02, False)):
-                answer = meshes_keep(arrays, order, T_order, share * distance, room, WORK)
+                answer = meshes_keep(arrays, order, T_order[None], share * distance, room, WORK)
                 assert answer == kept
 
 
@@ -171,9 +171,9 @@ def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
     arrays = arrays_of(large, several)
     room = np.zeros((8, 3))
     for order in ((0, 1), (1, 0)):
-        assert not meshes_keep(arrays, order, np.eye(4), 0.0, room, WORK)
+        assert not meshes_keep(arrays, order, np.eye(4)[None], 0.0, room, WORK)
     T = np.eye(4)
     T[1, 3] = 0.5
-    assert meshes_keep(arrays, (0, 1), T, 0.0, room, WORK)
+    assert meshes_keep(arrays, (0, 1), T[None], 0.0, room, WORK)
     corners = np.asarray(small.vertices)
     assert not mesh_keeps_hull(arrays, 0, corners, 8, 0.0, WORK)

@@ -7,7 +7,7 @@ import pytest
 
 from placement_planner_ros.core.collision.against_robot import tabled_apart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.arrays import CELL_RAD
+from placement_planner_ros.core.collision.arrays import CELL_RAD, PAIR_ROWS
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -70,8 +70,8 @@ def tabled_pairs(checker):
     names, arrays = [body.name for body in checker._flat.bodies], checker._flat.arrays
     return {
         (names[a], names[b]): (row, first)
-        for row, (a, b, _, first) in enumerate(arrays.pairs.tolist())
-        if arrays.pair_cells[row, 0] > 0
+        for row, (a, b, _, first, *_) in enumerate(arrays.pairs.tolist())
+        if arrays.pairs[row, PAIR_ROWS] > 0
     }
 
 

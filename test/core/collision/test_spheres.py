@@ -7,28 +7,17 @@ import trimesh
 
 from placement_planner_ros.core.body.convex_cover import convex_cover
 from placement_planner_ros.core.collision.shapes import Shape, mesh_shape, shape_of
-from placement_planner_ros.core.collision.spheres import (
-    SphereTree,
-    sphere_trees,
-)
+from placement_planner_ros.core.collision.spheres import shape_rows
 from placement_planner_ros.core.errors import RobotError
 
 EXCESS = 0.01
 
 
-def sphere_tree(shape: Shape, excess: float) -> SphereTree:
-    """Of the only set of a shape."""
-    (tree,) = sphere_trees(shape, excess)
-    return tree
-
-
 def leaves_of(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     """Centres and radii of the leaves around all sets of a shape."""
-    trees = sphere_trees(shape, EXCESS)
-    return (
-        np.vstack([tree.centers[tree.leaf] for tree in trees]),
-        np.concatenate([tree.radii[tree.leaf] for tree in trees]),
-    )
+    rows = shape_rows(shape, EXCESS)
+    leaves = rows.node_spheres[rows.nodes[:, 1] >= 0]
+    return leaves[:, :3], leaves[:, 3]
 
 
 @pytest.fixture
@@ -70,8 +59,9 @@ def test_surface_lies_in_every_level_of_the_cover(name):
     centers, radii = leaves_of(shape(name))
     distance = np.linalg.norm(points[:, None] - centers, axis=2) - radii
     assert distance.min(axis=1).max() <= 1e-9
-    roots = sphere_trees(shape(name), EXCESS)
-    whole = [np.linalg.norm(points - tree.centers[0], axis=1) - tree.radii[0] for tree in roots]
+    rows = shape_rows(shape(name), EXCESS)
+    roots = rows.node_spheres[rows.sets[:, 0]]
+    whole = [np.linalg.norm(points - root[:3], axis=1) - root[3] for root in roots]
     assert np.min(whole, axis=0).max() <= 1e-9
 
 
@@ -101,18 +91,18 @@ INSIDE = {
 
 @pytest.mark.parametrize("name", sorted(INSIDE))
 def test_inner_balls_lie_inside_of_the_polytope_or_the_mesh(name, rng):
-    tree = sphere_tree(shape_of(SHAPES[name][0], name), EXCESS)
+    spheres = shape_rows(shape_of(SHAPES[name][0], name), EXCESS).node_spheres
     directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     outside = [
         INSIDE[name](center + inner * directions).max()
-        for center, inner in zip(tree.centers, tree.inner, strict=True)
+        for center, inner in zip(spheres[:, :3], spheres[:, 4], strict=True)
         if inner >= 0.0
     ]
     curved = name in ("cylinder", "cone", "ellipsoid")  # the polytope reaches beyond these
     assert max(outside) <= (0.021 if curved else 0.0)
     deepest = {"box": 0.01, "sphere": 0.07, "capsule": 0.03, "cylinder": 0.06, "ellipsoid": 0.02}
-    assert tree.inner.max() > 0.9 * deepest.get(name, 0.02)
+    assert spheres[:, 4].max() > 0.9 * deepest.get(name, 0.02)
 
 
 @pytest.mark.parametrize(
