@@ -6,6 +6,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.convex_cover import convex_cover
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.shapes import Shape, mesh_shape, shape_of
 from placement_planner_ros.core.collision.spheres import shape_rows
 from placement_planner_ros.core.errors import RobotError
@@ -45,7 +46,7 @@ def shape(name):
     if geometry is not None:
         return shape_of(geometry, name)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    return mesh_shape(convex_cover(vertices, faces, EXCESS), vertices, faces)
+    return mesh_shape(CoveredMesh(vertices, faces, convex_cover(vertices, faces, EXCESS)))
 
 
 for _key in ("capsule", "cone"):
