@@ -194,8 +194,8 @@ class PlacementPlannerNode(ParameterNode):
         parameters = self._settings.current
         arms = tuple(make_arm(robot, parameters, name) for name in parameters["arms"])
         for arm in arms:
-            known = announced(robot, parameters, arm)
-            self._log.event("; ".join(filter(None, (known.chain, known.torso, known.limits))))
+            chain = f"arm {arm.name}: {arm.dof} joints: {', '.join(arm.joints)}"
+            self._log.event("; ".join([chain, *announced(robot, parameters, arm)]))
         # beside loading kernels, so that the first start finds all prepared
         first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
         first.start()

@@ -186,17 +186,14 @@ def _size_in_words(points: Array, scale: float) -> str:
 def _cover_in_words(
     components: Components, convex: list[ConvexPart], mesh: CoveredMesh | None
 ) -> str:
-    count = len(convex) + (0 if mesh is None else len(mesh.cover.parts))
-    words = f"{_in_number(len(components.closed), 'piece')} in {_in_number(count, 'convex part')}"
-    return words + (f", up to {mesh.cover.excess:.2g} m beyond it" if mesh is not None else "")
+    parts = len(convex) + (0 if mesh is None else len(mesh.cover.parts))
+    beyond = "" if mesh is None else f", up to {mesh.cover.excess:.2g} m beyond it"
+    return f"pieces: {len(components.closed)}, convex parts: {parts}{beyond}"
 
 
 def _rests_in_words(faces: tuple[PlacementFace, ...], left_out: int) -> str:
-    words, rolling = _in_number(len(faces), "rest"), sum(face.rolls for face in faces)
-    words += f", from {rolling} of which it could roll" if rolling else ""
-    out = f", and {left_out} from which it could roll left out (`allow_rolling`)"
-    return words + (out if left_out else "")
-
-
-def _in_number(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+    rolling = sum(face.rolls for face in faces)
+    words = f"rests: {len(faces)}" + (f", it could roll from {rolling} of them" if rolling else "")
+    return words + (
+        f"; left out, as it could roll: {left_out} (`allow_rolling`)" if left_out else ""
+    )

@@ -2,48 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 
 
-@dataclass(frozen=True, slots=True)
-class Announcement:
-    """An arm as it was understood, in words; '' where there is nothing to say.
-
-    Attributes:
-        chain: which joints.
-        torso: that it has joints which its controller may not have, and what to do.
-        limits: which limits are assumed, and how to state them.
-        notes: what of that to tell whoever begins to plan with it.
-    """
-
-    chain: str
-    torso: str
-    limits: str
-    notes: tuple[str, ...]
-
-
 def announce_arm(
     robot: Robot, arm: Arm, *, derived: bool, accelerations: bool = True
-) -> Announcement:
-    """What there is to know of an arm of this robot.
+) -> tuple[str, ...]:
+    """What there is to know of an arm of this robot before it plans, in sentences: that it has
+    joints which its controller may not have, and which limits are assumed.
 
     Args:
         derived: whether its joints were derived, rather than chosen by `<arm>.joints`.
         accelerations: False: those are given otherwise.
     """
-    how = "derived from the URDF" if derived else "as chosen"
-    chain = f"arm {arm.name}: {len(arm.joints)} joints, {how}: {', '.join(arm.joints)}"
-    torso, limits = _torso(robot, arm) if derived else "", _limits(robot, arm, accelerations)
-    # Accelerations of joints that turn are assumed of most robots, which is no news.
-    news = any("velocity" in robot.assumed[joint] for joint in arm.joints) or any(
-        robot.assumed[joint] for joint in robot.prismatic.intersection(arm.joints)
-    )
-    notes = tuple(words for words in (torso, limits if news else "") if words)
-    return Announcement(chain, torso, limits, notes)
+    said = _torso(robot, arm) if derived else "", _limits(robot, arm, accelerations)
+    return tuple(filter(None, said))
 
 
 def _torso(robot: Robot, arm: Arm) -> str:
@@ -68,7 +43,10 @@ def _torso(robot: Robot, arm: Arm) -> str:
 
 
 def _limits(robot: Robot, arm: Arm, accelerations: bool) -> str:
-    """Which limits are assumed, joints with the same limit together."""
+    """Which limits are assumed, joints with the same limit together.
+
+    Accelerations of joints that turn are assumed of most robots, which alone is no news.
+    """
     rates = [("velocity", arm.velocity, "s"), ("acceleration", arm.acceleration, "s^2")]
     found: dict[str, list[str]] = {}
     for what, limits, time in rates if accelerations else rates[:1]:
@@ -76,7 +54,8 @@ def _limits(robot: Robot, arm: Arm, accelerations: bool) -> str:
             if what in robot.assumed[joint]:
                 words = f"{what} limit {limit:g} {robot.unit(joint)}/{time}"
                 found.setdefault(words, []).append(joint)
-    if not found:
+    slides = {joint for joints in found.values() for joint in joints} & robot.prismatic
+    if not slides and not any(words.startswith("velocity") for words in found):
         return ""
     said = " and the ".join(f"{limit} of {listed(joints)}" for limit, joints in found.items())
     return (

@@ -13,7 +13,7 @@ from placement_planner_ros.core.errors import (
     listed,
 )
 from placement_planner_ros.core.meshes.read import Triangles, check_header
-from placement_planner_ros.core.robot.announcement import Announcement, announce_arm
+from placement_planner_ros.core.robot.announcement import announce_arm
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -211,14 +211,14 @@ def _arm(robot: Robot, name: str, tip: str, parts: tuple[tuple[Any, ...], ...]) 
     )
 
 
-def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
+def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> tuple[str, ...]:
     """What was derived or assumed for an arm of these parameters."""
     chosen = parameters.planner_settings.timing.chosen
     return _announced(robot, arm, not parameters[f"{arm.name}.joints"], not chosen)
 
 
 @weak_lru_cache("robot", maxsize=16)
-def _announced(robot: Robot, arm: Arm, derived: bool, accelerations: bool) -> Announcement:
+def _announced(robot: Robot, arm: Arm, derived: bool, accelerations: bool) -> tuple[str, ...]:
     """Kept from start to start."""
     return announce_arm(robot, arm, derived=derived, accelerations=accelerations)
 

@@ -185,7 +185,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     )
     # limits, self-collision, the clouds and the tilt, of each arm and grasp
     at_start = faults_at_start(robot, arms, q, body, rules)
-    of_arms = [note for arm in arms for note in announced(robot, parameters, arm).notes]
+    of_arms = [note for arm in arms for note in announced(robot, parameters, arm)]
     return [
         *body.warnings,
         *snapshot.notes,

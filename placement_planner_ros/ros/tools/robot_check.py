@@ -197,7 +197,6 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
     """Each arm's chain with what bounds it, its hand, and the joints that the node waits for."""
     timing = snapshot.parameters.planner_settings.timing
     for arm in snapshot.arms:
-        told = announced(snapshot.robot, snapshot.parameters, arm)
         findings.title(f"arm {arm.name}: {arm.dof} joints to {arm.tip_frame}")
         accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
         for k, joint in enumerate(arm.joints):
@@ -210,9 +209,8 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
                 2,
             )
         findings.say("rad and m, per s and s²", 2)
-        for words in (told.torso, told.limits):
-            if words:
-                findings.say(words)
+        for words in announced(snapshot.robot, snapshot.parameters, arm):
+            findings.say(words)
         findings.say(f"may touch the object: {', '.join(arm.touch_links) or 'nothing'}")
         opened = zip(arm.gripper_joints, arm.gripper_open, strict=True)
         opening = [f"{joint} {value:g}" for joint, value in opened]
