@@ -353,15 +353,19 @@ def _fill_slices(
     entering, ended = np.empty(len(number), np.int64), 0
     for s in range(slices - 1, -1, -1):
         # those that end in or above this slice, with how far they begin above its middle
+        known, count, hangs = ended, 0, False
         while ended < len(number) and number[ended] >= s:
             ended += 1
-        count = 0
         for k in range(ended):
-            above = max(bottom[k] - 0.5 * (faces[s] + faces[s + 1]), 0.0) / pixel
-            elements[k, 2] = above * above
-            # what ends at the slice's upper face comes in, and what stands beside this slice comes
-            # in again: where a wall meets a ceiling, that was nearer further up
-            if number[k] == s or bottom[k] < faces[s + 1]:
+            above = bottom[k] - 0.5 * (faces[s] + faces[s + 1])
+            if above > 0.0:
+                elements[k, 2] = (above / pixel) ** 2
+                hangs = True
+        # where some hang above it, what stands beside this slice comes in again: where a wall meets
+        # a ceiling, that was nearer further up
+        for k in range(0 if hangs else known, ended):
+            # and what ends at its upper face comes in
+            if k >= known or bottom[k] < faces[s + 1]:
                 entering[count] = k
                 count += 1
         hand_on_nearest(elements[:ended], entering[:count], near, who)

@@ -203,13 +203,15 @@ def _thin_evenly(
     # of a dense cell stay as seldom as those in it
     most = count[:cells].copy()
     for c in range(cells):
+        if count[c] <= DENSE_POINTS:
+            continue
         for way in range(6):
             step = 1 - 2 * (way & 1)
             i, j, k = known[c]
             beside = i + step * (way < 2), j + step * (2 <= way < 4), k + step * (way >= 4)
             number = number_at[_slot_of(known, number_at, beside)]
             if number > 0:
-                most[c] = max(most[c], count[number - 1])
+                most[number - 1] = max(most[number - 1], count[c])
     # of each dense cell those whose multiple of the golden ratio falls into the share that is kept:
     # no two neighbours, in a row or in rows one above the other, before most others are
     rows, passed = np.empty(n, np.int64), np.zeros(cells, np.int32)

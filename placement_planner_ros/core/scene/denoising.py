@@ -50,17 +50,14 @@ def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
 
 
 @njit(cache=True, nogil=True)
-def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
-    """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) about each cell's centre."""
-    points, start, cells = bins.points, bins.start, bins.cells
-    moments = np.zeros((len(cells), 10))
-    for r in range(len(cells)):
-        # the cell's centre, then each point from there
-        cx = origin[0] + (cells[r, 0] + 0.5) * size
-        cy = origin[1] + (cells[r, 1] + 0.5) * size
-        cz = origin[2] + (cells[r, 2] + 0.5) * size
+def _cell_moments(bins: Bins, middle: Array) -> Array:
+    """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) of each cell's points, all
+    about one point (3,): that they need not be moved weighs more than what rounding takes."""
+    points, start = bins.points, bins.start
+    moments = np.zeros((len(bins.cells), 10))
+    for r in range(len(moments)):
         for p in range(start[r], start[r + 1]):
-            x, y, z = points[p, 0] - cx, points[p, 1] - cy, points[p, 2] - cz
+            x, y, z = points[p, 0] - middle[0], points[p, 1] - middle[1], points[p, 2] - middle[2]
             moments[r, 0] += 1.0
             moments[r, 1] += x
             moments[r, 2] += y
@@ -75,43 +72,34 @@ def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _moments_around(moments: Array, bins: Bins, size: float, r: int, reach: int) -> Moments:
-    """Number, sum and second moments about the centre of cell r of the cells within `reach` of it.
-
-    Moved by o, a cell's n points with sum s have the sum s + n o and the second moments
-    Σ (x + o)(x + o)ᵀ = Σ x xᵀ + s oᵀ + o sᵀ + n o oᵀ.
-    """
+def _moments_around(moments: Array, bins: Bins, r: int, reach: int) -> Moments:
+    """Number, sum and second moments of the cells within `reach` of cell r."""
     cells, number_at = bins.cells, bins.number_at
     nx, ny, nz = number_at.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     for i in range(max(cells[r, 0] - reach, 0), min(cells[r, 0] + reach + 1, nx)):
-        ox = (i - cells[r, 0]) * size
         for j in range(max(cells[r, 1] - reach, 0), min(cells[r, 1] + reach + 1, ny)):
-            oy = (j - cells[r, 1]) * size
             for k in range(max(cells[r, 2] - reach, 0), min(cells[r, 2] + reach + 1, nz)):
                 q = number_at[i, j, k] - 1
                 if q < 0:
                     continue
-                # moved to the centre of cell r
-                oz = (k - cells[r, 2]) * size
-                c, x, y, z = moments[q, 0], moments[q, 1], moments[q, 2], moments[q, 3]
-                n += c
-                sx += x + c * ox
-                sy += y + c * oy
-                sz += z + c * oz
-                xx += moments[q, 4] + 2.0 * x * ox + c * ox * ox
-                yy += moments[q, 5] + 2.0 * y * oy + c * oy * oy
-                zz += moments[q, 6] + 2.0 * z * oz + c * oz * oz
-                xy += moments[q, 7] + x * oy + y * ox + c * ox * oy
-                xz += moments[q, 8] + x * oz + z * ox + c * ox * oz
-                yz += moments[q, 9] + y * oz + z * oy + c * oy * oz
+                n += moments[q, 0]
+                sx += moments[q, 1]
+                sy += moments[q, 2]
+                sz += moments[q, 3]
+                xx += moments[q, 4]
+                yy += moments[q, 5]
+                zz += moments[q, 6]
+                xy += moments[q, 7]
+                xz += moments[q, 8]
+                yz += moments[q, 9]
     return n, sx, sy, sz, xx, yy, zz, xy, xz, yz
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> Moments:
-    """`_moments_around` of those points only that are within `reach` of a plane about the centre
-    (3,) of cell r."""
+def _moments_near_plane(bins: Bins, r: int, middle: Array, reach: float, plane: Array) -> Moments:
+    """`_moments_around` of those points only that are within `reach` of a plane, about the same
+    point (3,)."""
     points, start, cells, number_at = bins.points, bins.start, bins.cells, bins.number_at
     nx, ny, nz = number_at.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
@@ -123,8 +111,8 @@ def _moments_near_plane(bins: Bins, r: int, center: Array, reach: float, plane: 
                     continue
                 # of each cell those points that are near the plane
                 for p in range(start[q], start[q + 1]):
-                    x, y, z = points[p, 0] - center[0], points[p, 1] - center[1], points[p, 2]
-                    z -= center[2]
+                    x, y, z = points[p, 0] - middle[0], points[p, 1] - middle[1], points[p, 2]
+                    z -= middle[2]
                     if abs(plane[0] * x + plane[1] * y + plane[2] * z - plane[3]) > reach:
                         continue
                     n += 1.0
@@ -199,7 +187,7 @@ def _plane_scatter(
     plane = np.empty(6)
     n = 0
     for r in range(0, len(bins.cells), stride):
-        if _fit_plane(_moments_around(moments, bins, size, r, reach), plane) < min_points:
+        if _fit_plane(_moments_around(moments, bins, r, reach), plane) < min_points:
             continue
         # wide along two axes, and thin along the third
         if plane[5] > 0.15 * (1 + reach) * size and plane[4] < 0.6 * plane[5]:
@@ -230,18 +218,19 @@ def without_noise(
     """
     counts = np.diff(bins.start)
     fewest = min_points if np.median(counts) >= 4 else 0
-    noise = _estimate_noise(bins, origin, size)
+    middle = origin + 0.5 * size * np.array(bins.number_at.shape)
+    noise = _estimate_noise(bins, middle, size)
     if noise > floor:
         # the second time from planes that the first has made sharper
         for few in (0, fewest):
-            points = _on_surfaces(bins, origin, size, noise, few, bounds)
+            points = _on_surfaces(bins, middle, size, noise, few, bounds)
             bins = bins._replace(points=points)
         return points, noise
     lone = lone_cells(bins, counts, fewest)
     return (bins.points[np.repeat(~lone, counts)] if lone.any() else None), 0.0
 
 
-def _estimate_noise(bins: Bins, origin: Array, size: float) -> float:
+def _estimate_noise(bins: Bins, middle: Array, size: float) -> float:
     """Standard deviation of the points about their surfaces, metres; 0 where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
@@ -249,7 +238,7 @@ def _estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
     stride = max(1, len(bins.cells) // (2 * SAMPLES))
-    moments = _cell_moments(bins, origin, size)
+    moments = _cell_moments(bins, middle)
     around = _plane_scatter(moments, bins, size, 1, stride, SURFACE_POINTS)
     if not len(around) or len(around) < SURFACE_SHARE * len(bins.cells) / stride:
         return 0.0
@@ -264,7 +253,7 @@ def _estimate_noise(bins: Bins, origin: Array, size: float) -> float:
 
 def _on_surfaces(
     bins: Bins,
-    origin: Array,
+    middle: Array,
     size: float,
     noise: float,
     min_points: int,
@@ -276,7 +265,7 @@ def _on_surfaces(
         (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
         things) stay where they are.
     """
-    planes, flat = _fit_planes(_cell_moments(bins, origin, size), bins, size, origin, noise)
+    planes, flat = _fit_planes(_cell_moments(bins, middle), bins, size, middle, noise)
     moved, off = _project_points(bins, planes, flat, noise, *bounds)
     # points off every plane, and cells with too few of them around
     unexplained = np.isnan(off)
@@ -288,7 +277,7 @@ def _on_surfaces(
 
 @njit(cache=True, nogil=True)
 def _fit_planes(
-    moments: Array, bins: Bins, size: float, origin: Array, noise: float
+    moments: Array, bins: Bins, size: float, middle: Array, noise: float
 ) -> tuple[Array, Mask]:
     """(m, 4) normal of each cell's neighbourhood and how far along it that is; (m,) whether it is a
     plane.
@@ -303,24 +292,22 @@ def _fit_planes(
     nx, ny, nz = number_at.shape
     planes = np.empty((m, 4))
     scatter = np.full(m, np.inf)
-    plane, center = np.empty(6), np.empty(3)
+    plane = np.empty(6)
     for r in range(m):
-        n = _fit_plane(_moments_around(moments, bins, size, r, 1), plane)
-        # the plane is about the centre of the cell
-        for a in range(3):
-            center[a] = origin[a] + (cells[r, a] + 0.5) * size
+        n = _fit_plane(_moments_around(moments, bins, r, 1), plane)
         # points of one plane scatter by twice the noise at most
         fits = n >= PLANE_POINTS and plane[4] <= 2.0 * noise
         # three times anew without outliers, as long as enough are left
         for _ in range(3):
             if fits and plane[4] > UNEVEN_NOISES * noise:
-                own = _moments_near_plane(bins, r, center, OUTLIER_NOISES * noise, plane)
+                own = _moments_near_plane(bins, r, middle, OUTLIER_NOISES * noise, plane)
                 if own[0] >= PLANE_POINTS:
                     _fit_plane(own, plane)
-        # and so is told from the origin
-        planes[r] = plane[:4]
+        # told from the world's origin
+        for a in range(4):
+            planes[r, a] = plane[a]
         for a in range(3):
-            planes[r, 3] += plane[a] * center[a]
+            planes[r, 3] += plane[a] * middle[a]
         # its scatter counts where it is wide and thin
         if fits and plane[5] > 0.3 * size and plane[4] < 0.6 * plane[5]:
             scatter[r] = plane[4]

@@ -113,11 +113,12 @@ class SlopeCloud:
         self, height: float, reach: float, band: float, rise: float
     ) -> tuple[Array, Array, int]:
         """x, y and heights (n, 3) of the points no more than `band` from a height, in the columns
-        of tops no more than `reach` from it and in those beside; of what rises, above the height
-        `rise` by up to `STEP_M`, wherever; how many such tops there are, and if none, no points."""
+        of tops no more than `reach` from it and in those beside; x and y (m, 2) of what rises,
+        above the height `rise` by up to `STEP_M`, wherever; how many such tops there are, and if
+        none, no points."""
         near = self.tops[np.abs(self.tops[:, 2] - height) <= reach, :2]
         if len(near) == 0:
-            return np.zeros((0, 3)), np.zeros((0, 3)), 0
+            return np.zeros((0, 3)), np.zeros((0, 2)), 0
         corner = near.min(axis=0) - 2.0 * self.cell_size
         # their columns of cells, and those beside
         cells = ((near - corner) / self.cell_size).astype(np.int64)
@@ -127,16 +128,16 @@ class SlopeCloud:
         points = np.ascontiguousarray(self.points, np.float32).view()
         points.setflags(write=False)
         low, high = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
-        found = _points_between(
-            points, self.slope, np.stack([low, high]), height - band, rise + STEP_M
+        on, over = _points_about(
+            points,
+            self.slope,
+            np.stack([low, high]),
+            columns,
+            corner,
+            self.cell_size,
+            (height - band, height + band, rise, rise + STEP_M),
         )
-        over = found.take(np.flatnonzero(found[:, 2] > rise), axis=0)
-        on = found.take(np.flatnonzero(found[:, 2] <= height + band), axis=0)
-        at = (on[:, :2] - corner) / self.cell_size
-        rows = np.flatnonzero(_within(at, np.zeros(2), np.array(columns.shape)))
-        i, j = at.take(rows, axis=0).astype(np.int64).T
-        rows = rows[columns.take(i * columns.shape[1] + j)]
-        return on.take(rows, axis=0), over, len(near)
+        return on, over, len(near)
 
     def rays(self, height: float, band: float) -> tuple[Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
@@ -242,23 +243,41 @@ def _pixel_means(sums: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _points_between(
-    points: npt.NDArray[np.float32], slope: Slope, around: Array, low: float, high: float
-) -> Array:
-    """(k, 3) x, y and heights above a plane of that slope, of points (n, 3) that are higher than
-    `low` and no higher than `high`, between corners (2, 2)."""
-    found, k = np.empty((len(points), 3)), 0
+def _points_about(
+    points: npt.NDArray[np.float32],
+    slope: Slope,
+    around: Array,
+    columns: Mask,
+    corner: Array,
+    cell_size: float,
+    heights: tuple[float, float, float, float],
+) -> tuple[Array, Array]:
+    """`SlopeCloud.points_at` of points (n, 3) between corners (2, 2).
+
+    Args:
+        columns: (nx, ny) in which what is about the height counts, from a corner (2,) on.
+        heights: m above a plane of the slope: from the first to the second what is about it, from
+            the third to the fourth what rises; the upper ones are part of it.
+    """
+    low, high, rise, top = heights
+    on, over, n, m = np.empty((len(points), 3)), np.empty((len(points), 2)), 0, 0
     for p in range(len(points)):
         x, y = float(points[p, 0]), float(points[p, 1])
         height = float(points[p, 2]) - slope[0] * x - slope[1] * y
-        if (
-            low < height <= high
-            and around[0, 0] <= x < around[1, 0]
-            and around[0, 1] <= y < around[1, 1]
-        ):
-            found[k, 0], found[k, 1], found[k, 2] = x, y, height
-            k += 1
-    return found[:k].copy()
+        if not low < height <= top:
+            continue
+        if not (around[0, 0] <= x < around[1, 0] and around[0, 1] <= y < around[1, 1]):
+            continue
+        if height > rise:
+            over[m, 0], over[m, 1] = x, y
+            m += 1
+        u, v = (x - corner[0]) / cell_size, (y - corner[1]) / cell_size
+        if height > high or not (0.0 <= u < columns.shape[0] and 0.0 <= v < columns.shape[1]):
+            continue
+        if columns[int(u), int(v)]:
+            on[n, 0], on[n, 1], on[n, 2] = x, y, height
+            n += 1
+    return on[:n].copy(), over[:m].copy()
 
 
 def make_layers(
@@ -289,7 +308,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
     at = (on[:, :2] - raster.origin) / pixel
     measured = pixel_sums(at, np.column_stack([at, heights]), raster.shape)
-    things = raster.counts(over[:, :2])
+    things = raster.counts(over)
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
     foot = max(1, round((spacing + noise) / pixel))
