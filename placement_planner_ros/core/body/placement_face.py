@@ -10,11 +10,7 @@ from scipy.linalg import null_space
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.body.settings import BodySettings
-from placement_planner_ros.core.body.stable_poses import (
-    TIPPING_RISE_M,
-    StablePose,
-    stable_poses,
-)
+from placement_planner_ros.core.body.stable_poses import TIPPING_RISE_M, stable_poses
 from placement_planner_ros.core.body.tipping import Index, Tipping
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -62,20 +58,20 @@ def placement_faces(
     """
     tipping = Tipping.of(points, center)
     found = stable_poses(tipping, settings.flatness, settings.merge_angle)
-    faces = [_face_of(tipping, rest, settings) for rest in found]
+    faces = [_face_of(tipping, facet, rolls, settings) for facet, rolls in found.items()]
     return tuple(sorted(faces, key=lambda face: -face.area))
 
 
-def _face_of(tipping: Tipping, rest: StablePose, settings: BodySettings) -> PlacementFace:
-    """The face of a rest: v(f) is what lies within the flatness of the plane, and where the body
-    may come to rock on what is around."""
+def _face_of(tipping: Tipping, facet: int, rolls: bool, settings: BodySettings) -> PlacementFace:
+    """The face of a facet to rest on: v(f) is what lies within the flatness of the plane, and
+    where the body may come to rock on what is around."""
     # What touches the plane, which is beneath all vertices.
-    normal = tipping.normals[rest.facet]
+    normal = tipping.normals[facet]
     depths = (tipping.vertices @ normal).max() - tipping.vertices @ normal
     bears = depths <= settings.flatness
-    if not rest.rolls:
-        highest = float(tipping.heights[rest.facet]) + TIPPING_RISE_M
-        bears[tipping.facets[tipping.around(rest.facet, -np.inf, highest)]] = True
+    if not rolls:
+        highest = float(tipping.heights[facet]) + TIPPING_RISE_M
+        bears[tipping.facets[tipping.around(facet, -np.inf, highest)]] = True
     # v(f): the corners of that, in the plane, and the frame along its longest edge.
     near = tipping.vertices[bears] + depths[bears, None] * normal
     outline = ConvexHull(near @ null_space(normal[None]))
@@ -90,7 +86,7 @@ def _face_of(tipping: Tipping, rest: StablePose, settings: BodySettings) -> Plac
         normal=frozen_array(normal),
         T_face_object=pin.SE3(rotation, -rotation @ vertices[0]),
         area=float(outline.volume),
-        rolls=rest.rolls,
+        rolls=rolls,
     )
 
 

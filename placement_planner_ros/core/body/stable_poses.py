@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from placement_planner_ros.core.body.tipping import Tipping
@@ -23,21 +21,9 @@ LEVEL_SHARE = 0.04
 of 11."""
 
 
-@dataclass(frozen=True, slots=True)
-class StablePose:
-    """A side to rest on.
-
-    Attributes:
-        facet: of the hull.
-        rolls: whether it could roll from there, or rock widely.
-    """
-
-    facet: int
-    rolls: bool
-
-
-def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[StablePose, ...]:
-    """Every side that the body rests on, in the order of the hull's facets.
+def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> dict[int, bool]:
+    """Every facet of the hull that the body rests on, in their order, and whether it could roll
+    from there, or rock widely.
 
     Args:
         flatness: metres by which a surface that is meant to be even may not be; so much does not
@@ -65,7 +51,7 @@ def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple
     firm = _lowest_apart(tipping, firm, merge_angle)
     clear = [facet for facet in set(rolling) if _is_apart(tipping, facet, firm, merge_angle)]
     rolling = _lowest_apart(tipping, clear, ROLLING_RAD)
-    return tuple(StablePose(facet, facet in rolling) for facet in sorted([*firm, *rolling]))
+    return {facet: facet in rolling for facet in sorted([*firm, *rolling])}
 
 
 def _lowest_apart(tipping: Tipping, facets: list[int], angle: float) -> list[int]:

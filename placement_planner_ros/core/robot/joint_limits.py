@@ -27,8 +27,7 @@ and rails carry what hangs on them."""
 
 @dataclass(frozen=True, slots=True)
 class JointLimit:
-    """What is stated of one joint besides its URDF, rad or m and seconds; infinite where nothing
-    is."""
+    """What is stated of one joint, rad or m and seconds; infinite where nothing is."""
 
     lower: float = -math.inf
     upper: float = math.inf

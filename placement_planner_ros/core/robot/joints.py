@@ -45,8 +45,7 @@ class Joint:
 
     Attributes:
         name: of the joint.
-        lower, upper: its range, rad or m.
-        velocity, acceleration: their limits, rad/s and rad/s², or m/s and m/s².
+        limit: all of them finite.
         mimic: what it follows.
         continuous: whether it turns without end stops.
         prismatic: whether it slides.
@@ -54,10 +53,7 @@ class Joint:
     """
 
     name: str
-    lower: float
-    upper: float
-    velocity: float
-    acceleration: float
+    limit: JointLimit
     mimic: Mimic | None
     continuous: bool
     prismatic: bool
@@ -105,10 +101,7 @@ def read_joint(
     limit.attrib = {end: repr(number) for end, number in numbers.items()}
     return Joint(
         name,
-        lower,
-        upper,
-        velocity,
-        acceleration,
+        JointLimit(lower, upper, velocity, acceleration),
         _read_mimic(name, elements, warnings),
         endless,
         kind == "prismatic",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -85,6 +85,7 @@ class Robot(JointSpace):
         description = read_urdf(urdf_text, joint_limits)
         model = description.build_model()
         joints = [description.joints[name] for name in model.names[1:]]  # as coordinates are
+        limits = np.array([astuple(joint.limit) for joint in joints]).reshape(-1, 4)
         geometry, shape_links, meshes, notes = build_geometry(
             description.root, model, package_dirs, cover
         )
@@ -97,10 +98,10 @@ class Robot(JointSpace):
             geometry_links=shape_links,
             meshes=meshes,
             joint_names=tuple(joint.name for joint in joints),
-            lower=np.array([joint.lower for joint in joints]),
-            upper=np.array([joint.upper for joint in joints]),
-            velocity_limits=np.array([joint.velocity for joint in joints]),
-            acceleration_limits=np.array([joint.acceleration for joint in joints]),
+            lower=limits[:, 0],
+            upper=limits[:, 1],
+            velocity_limits=limits[:, 2],
+            acceleration_limits=limits[:, 3],
             assumed={joint.name: joint.assumed for joint in joints},
             mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
             continuous=frozenset(joint.name for joint in joints if joint.continuous),
