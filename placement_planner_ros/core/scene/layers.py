@@ -206,11 +206,16 @@ class Raster:
         shape = np.ceil((high + rim - self.origin) / pixel).astype(int) + 1
         self.shape = (int(shape[0]), int(shape[1]))
 
-    def counts(self, points: Array) -> Array:
-        """`pixel_sums` of x and y, in pixels, of those points (k, 2), m, on the raster."""
-        at = (points - self.origin) / self.pixel
-        at = at[_within(at, np.full(2, -0.5), np.array(self.shape) - 0.5)]
-        return pixel_sums(at, at, self.shape)
+    def sums(self, points: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+        """`pixel_sums` of points (n, 2 or more), m."""
+        return pixel_sums(points, self.origin, self.pixel, self.shape)
+
+    def means(self, sums: Array) -> Array:
+        """(m, 2) mean position, in pixels, of the points of each pixel that has any, in order."""
+        count, *along = sums[:3].reshape(3, -1)
+        held = np.flatnonzero(count)
+        at = np.column_stack([each.take(held) for each in along]) / count.take(held)[:, None]
+        return np.asarray((at - self.origin) / self.pixel)
 
     def width(self, side: float) -> int:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
@@ -227,19 +232,6 @@ class Raster:
             elements[:, 3] = discs[:, 2]
         hand_on_nearest(elements, np.arange(len(discs)), near, who)
         return near, who
-
-
-def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> Mask:
-    """(n,) which points (n, 2 or 3) lie between two corners, the upper one left out."""
-    x, y = points[:, 0], points[:, 1]
-    return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
-
-
-def _pixel_means(sums: Array) -> Array:
-    """(m, 2) mean position of the points of each pixel that has any, in order, of `pixel_sums`."""
-    count, *along = sums[:3].reshape(3, -1)
-    held = np.flatnonzero(count)
-    return np.column_stack([each.take(held) for each in along]) / count.take(held)[:, None]
 
 
 @njit(cache=True, nogil=True)
@@ -306,15 +298,15 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
-    at = (on[:, :2] - raster.origin) / pixel
-    measured = pixel_sums(at, np.column_stack([at, heights]), raster.shape)
-    things = raster.counts(over)
+    measured, of_pixel = raster.sums(on)
+    things = raster.sums(over)[0]
     # what was measured about what rises is its foot
     risen = rises = things[0] > 0.0
     foot = max(1, round((spacing + noise) / pixel))
     if rises.any():
         risen = maximum_filter(rises, 2 * foot + 1)
-    to_point, who = raster.nearest(np.vstack([_pixel_means(measured), _pixel_means(things)]))
+    means = np.vstack([raster.means(measured), raster.means(things)])
+    to_point, who = raster.nearest(means)
     of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
     widest, chance = _chance_discs(raster, to_point, measured[0])
     rays, whole = _seen_through(raster, to_point, *cloud.rays(height, band))
@@ -335,24 +327,24 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
     # of the points, those of the surface's top, and none of things' feet if there are others
     least = maximum_filter(measured[4], 3) - 0.5 * tolerance - 2.0 * noise
-    i, j = (at + 0.5).astype(np.int64).T
-    of_pixel = i * raster.shape[1] + j
     upper = heights >= least.take(of_pixel)
     beside_things = upper & ~risen.take(of_pixel)
     rows = np.flatnonzero(beside_things if beside_things.any() else upper)
-    off = heights.take(rows) - height
-    powers = np.column_stack([off, off**2]) if noise > 0.0 else off[:, None]
-    sums = pixel_sums(at.take(rows, axis=0), powers, raster.shape)[:-1]
+    of_pixel, off = of_pixel.take(rows), heights.take(rows) - height
+    powers = (None, off, off**2) if noise > 0.0 else (None, off)
+    sums = [np.bincount(of_pixel, power, widest.size) for power in powers]
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
-    surface = _surface_heights(sums, noise, (far, raster.width(averaged))) + np.float32(height)
+    widths = far, raster.width(averaged)
+    stacked = np.stack(sums).astype(np.float64).reshape(-1, *raster.shape)
+    surface = _surface_heights(stacked, noise, widths)
     return Layer(
         height,
         raster.origin,
         pixel,
         inside * np.float32(pixel),
         from_end * np.float32(pixel),
-        surface,
+        surface + np.float32(height),
         _highest_points(raster, measured, noise),
         risen,
         sparse,
@@ -418,13 +410,13 @@ def _seen_through(
     the surface about a pixel has no holes of some share."""
     if not len(passed):
         return np.zeros((0, 3)), np.zeros(raster.shape, np.bool_)
-    passes = raster.counts(passed)
+    passes = raster.sums(passed)[0]
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = _pixel_means(passes)
+    rays = raster.means(passes)
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
     discs = np.column_stack([rays, np.maximum(0.5 * away, np.minimum(away, 0.75))])
     # a sensor that saw nothing below tells nothing of holes
-    ends = raster.counts(ended if len(passed) >= SURE_COUNT else ended[:0])
+    ends = raster.sums(ended if len(passed) >= SURE_COUNT else ended[:0])[0]
     on, through = window_sums(np.stack([ends[0], passes[0]]), raster.width(3.0 * TILE_M))
     return discs, np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
@@ -445,8 +437,8 @@ def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Fiel
             the second hold no point first.
     """
     surface = np.full(sums.shape[1:], np.inf)
-    for width in widths:  # what is near counts where there is any
-        count, total, *squares = window_sums(sums, width)
+    for width, needed in zip(widths, (2, 3), strict=True):  # what is near counts if there is any
+        count, total, *squares = window_sums(sums[:needed], width)
         np.divide(total, count, out=surface, where=count > 0.5)
     if noise > 0.0:  # between two levels there is no surface
         held, count = count > 0.5, np.maximum(count, 1.0)

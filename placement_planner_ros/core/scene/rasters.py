@@ -162,19 +162,34 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
 
 
 @njit(cache=True, nogil=True)
-def pixel_sums(at: Array, values: Array, shape: tuple[int, int]) -> Array:
-    """(k + 2, nx, ny) of the points (n, 2), in pixels, of each pixel: how many there are, the sums
-    of their values (n, k), and the greatest of the last of these, -inf where there is none."""
-    k = values.shape[1]
-    sums = np.zeros((k + 2, shape[0], shape[1]))
+def pixel_sums(
+    points: Array, origin: Array, pixel: float, shape: tuple[int, int]
+) -> tuple[Array, Rows]:
+    """Of those points (n, 2 or more), m, that lie on a raster: how many each pixel has, the sums of
+    their columns, and the greatest of the last of these, -inf where there is none.
+
+    Args:
+        origin, pixel: (2,) of the first pixel's centre and m between two.
+
+    Returns:
+        (k + 2, nx, ny), and (n,) the number of the pixel that each point is in, or -1.
+    """
+    n, k = points.shape
+    sums, of_point = np.zeros((k + 2, shape[0], shape[1])), np.full(n, -1)
     sums[k + 1] = -np.inf
-    for p in range(len(at)):
-        i, j = int(at[p, 0] + 0.5), int(at[p, 1] + 0.5)  # the pixel whose centre is nearest
+    for p in range(n):
+        # the pixel whose centre is nearest
+        u = (points[p, 0] - origin[0]) / pixel + 0.5
+        v = (points[p, 1] - origin[1]) / pixel + 0.5
+        if not (0.0 <= u < shape[0] and 0.0 <= v < shape[1]):
+            continue
+        i, j = int(u), int(v)
+        of_point[p] = i * shape[1] + j
         sums[0, i, j] += 1.0
         for a in range(k):
-            sums[a + 1, i, j] += values[p, a]
-        sums[k + 1, i, j] = max(sums[k + 1, i, j], values[p, k - 1])
-    return sums
+            sums[a + 1, i, j] += points[p, a]
+        sums[k + 1, i, j] = max(sums[k + 1, i, j], points[p, k - 1])
+    return sums, of_point
 
 
 @njit(cache=True, nogil=True)
