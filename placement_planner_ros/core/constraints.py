@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,16 +10,12 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.contacts.contact_class import ContactClass
-from placement_planner_ros.core.contacts.face import FaceContact
-from placement_planner_ros.core.contacts.lean import LeanContact
-from placement_planner_ros.core.contacts.several import SeveralContacts
+from placement_planner_ros.core.contacts.several import contact_classes
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdict
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
@@ -59,12 +54,7 @@ class PoseConstraints:
         self.turns = None
         if turns is not None and turns.asks:
             self.turns = Turns(turns, problem.body.faces)
-        self.faces = FaceContact(problem, footing, collision, self.turns)
-        self.contacts: ContactClass = self.faces
-        if footing.contacts != ("face",):
-            lean = LeanContact(problem, footing, collision)
-            both = "face" in footing.contacts
-            self.contacts = SeveralContacts([self.faces, lean]) if both else lean
+        self.faces, self.contacts = contact_classes(problem, footing, collision, self.turns)
         self._body = replace(problem.body, faces=self.faces.faces)
         self.problem = replace(problem, body=self._body)
         self.footing = footing
@@ -78,12 +68,6 @@ class PoseConstraints:
     def regions(self) -> tuple[Region, ...]:
         """Where the reference points of the object's features are placed."""
         return self.contacts.regions
-
-    @property
-    def ranges(self) -> Callable[[int, Region], Ranges] | None:
-        """In which angles a feature may be placed on a region; None where each may in all."""
-        plain = self.contacts is self.faces and self.turns is None
-        return None if plain else self.contacts.ranges
 
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): the object stays where it is put; of many poses: `verdicts`."""

@@ -302,7 +302,7 @@ class PlacementPlanner:
             len(poses.contacts.references),
             poses.regions,
             settings.hierarchy,
-            poses.ranges,
+            poses.contacts.ranges,
         )
         self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")

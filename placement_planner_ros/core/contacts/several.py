@@ -7,15 +7,42 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.contacts.contact_class import (
     ContactClass,
     Index,
     Mask,
     Missing,
 )
+from placement_planner_ros.core.contacts.face import FaceContact
+from placement_planner_ros.core.contacts.lean import LeanContact
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.types import Array, Contact, Resting, Slope
+from placement_planner_ros.core.wishes.turns import Turns
+
+
+def contact_classes(
+    problem: Problem, footing: SupportSettings, collision: CollisionSettings, turns: Turns | None
+) -> tuple[FaceContact, ContactClass]:
+    """The class of faces, by which placement faces are bounded, and all that are asked for as one.
+
+    Args:
+        collision: c_f(x)'s margin, and how far from what carries it the object may be.
+        turns: the rules about how the object is turned; None without.
+    """
+    faces = FaceContact(problem, footing, collision, turns)
+    if "lean" not in footing.contacts:
+        return faces, faces
+    lean = LeanContact(problem, footing, collision)
+    return faces, SeveralContacts([faces, lean]) if "face" in footing.contacts else lean
+
+
+def need_a_face(contacts: Sequence[str]) -> bool:
+    """Whether an object without placement face can be placed by none of these classes."""
+    return "lean" not in contacts
 
 
 class SeveralContacts:

@@ -193,8 +193,6 @@ class Preparation:
             # what the search would do first, and what start asks for
             _ = environment.clearance
             _ = environment.has_unseen_ceiling
-            if "lean" in snapshot.parameters.planner_settings.contacts:
-                _ = environment.walls
             step("making boxes of the obstacle set")
             box_arrays(environment.obstacles)
             self._made = made = _Made(surroundings, environment)

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.contacts.several import need_a_face
 from placement_planner_ros.core.errors import (
     CloudError,
     GraspError,
@@ -202,7 +203,7 @@ def require_face(body: Body, contacts: Sequence[str]) -> None:
     Raises:
         ObjectError: it has no placement face.
     """
-    if body.faces or set(contacts) - {"face"}:
+    if body.faces or not need_a_face(contacts):
         return
     extents = np.ptp(body.vertices, axis=0).round(4).tolist()
     why = "it has no face to rest on; "
