@@ -40,23 +40,6 @@ def test_a_mirrored_mesh_faces_outward(tmp_path, scale):
     assert mesh.volume == pytest.approx(TWO.volume)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "words"),
-    [
-        ('filename="package://gone/meshes/a.dae"', "{folder}/gone"),
-        ('filename="bad.stl"', "bad.stl.*cannot be read"),
-        ('filename="package:///meshes/c.stl"', "write two slashes: package://PACKAGE/PATH"),
-        ('filename="good.stl" scale="0 0 0"', "no surface"),
-        ('filename="good.stl" scale="1000 1000 1000"', "scale 0.001"),
-    ],
-)
-def test_a_mesh_that_cannot_be_used_is_refused_with_its_link(tmp_path, mesh, words):
-    TWO.export(tmp_path / "good.stl")
-    (tmp_path / "bad.stl").write_text("no mesh")
-    with pytest.raises(RobotError, match=f"link l1.*{words.format(folder=tmp_path)}"):
-        Robot.from_urdf(urdf('filename="good.stl"', mesh), [tmp_path])
-
-
 def test_what_is_too_large_is_refused_with_its_number(tmp_path, monkeypatch):
     for name in ("a.stl", "b.stl"):
         TWO.export(tmp_path / name)

@@ -337,8 +337,9 @@ def test_mesh_paths(tmp_path):
     for dirs in ((), [folder], {"other": tmp_path / "my_robot"}):
         with pytest.raises(RobotError, match=r"link thing, collision 0: mesh.*no such file"):
             Robot.from_urdf(packaged, package_dirs=dirs)
-    with pytest.raises(RobotError, match="https"):
-        Robot.from_urdf(with_geometry('<mesh filename="https://x.org/cube.obj"/>'))
+    for name, words in (("https://x.org/c.obj", "https"), ("package:///m/c.obj", "two slashes")):
+        with pytest.raises(RobotError, match=words):
+            Robot.from_urdf(with_geometry(f'<mesh filename="{name}"/>'))
 
 
 @pytest.mark.parametrize(
