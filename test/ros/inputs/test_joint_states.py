@@ -71,6 +71,8 @@ def test_what_is_wrong_with_one_joint_keeps_no_other_from_being_taken(yumi):
         joints.update(names[1:], [0.7, 0.4, 0.8], 9.91)
     with pytest.raises(JointStateError, match=r"not finite.*\['yumi_joint_2_l'\]"):
         joints.update(names[1:], [np.nan, 0.5, 0.8], 9.92)
+    with pytest.raises(JointStateError, match="4 names, 3 positions"):
+        joints.update(names, [0.9, 0.9, 0.9], 9.93)
     known = joints.positions()
     assert known["yumi_joint_1_l"] == HOME["yumi_joint_1_l"]
     assert known["yumi_joint_2_l"] == 0.2
