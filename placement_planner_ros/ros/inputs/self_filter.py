@@ -30,7 +30,7 @@ truer."""
 TAIL_PERCENT = 99.9
 """Share of a surface's own points that are no farther off than they are said to be."""
 FEWEST_INSIDE = 20
-"""Points inside a solid from which on they tell how well is measured; and of those around a point
+"""Points inside solids from which on they tell how well is measured; and of those around a point
 that tell where the surface is."""
 CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
@@ -45,14 +45,12 @@ class FilteredPoints:
     Attributes:
         apart: (n,) metres to the nearest; infinite beyond what was looked for.
         nearest: (n, 3) where that is; NaN there.
-        solid: (n,) which surface that is of; -1 there.
         inside: (n,) whether they are enclosed by one.
         padded: (n,) whether they are inside, or within the padding of one.
     """
 
     apart: Array
     nearest: Array
-    solid: npt.NDArray[np.int64]
     inside: Mask
     padded: Mask
 
@@ -60,7 +58,7 @@ class FilteredPoints:
     def nothing(cls, n: int) -> FilteredPoints:
         """Where there are no surfaces."""
         far, none = np.full(n, np.inf), np.zeros(n, np.bool_)
-        return cls(far, np.full((n, 3), np.nan), np.full(n, -1), none, none.copy())
+        return cls(far, np.full((n, 3), np.nan), none, none.copy())
 
     def joined(self, other: FilteredPoints) -> FilteredPoints:
         """How they lie to the surfaces of both."""
@@ -68,7 +66,6 @@ class FilteredPoints:
         return FilteredPoints(
             np.where(mine, self.apart, other.apart),
             np.where(mine[:, None], self.nearest, other.nearest),
-            np.where(mine, self.solid, other.solid + self.solid.max(initial=-1) + 1),
             self.inside | other.inside,
             self.padded | other.padded,
         )
@@ -80,24 +77,18 @@ class FilteredPoints:
         return np.inf if few else max(OWN_M, float(np.percentile(depths, TAIL_PERCENT)))
 
     def own(self) -> Mask:
-        """(n,) those that are of the surfaces, or inside: no farther off than what is measured of
-        them is.
+        """(n,) those that are of the surfaces, or inside: no farther off than surfaces and what is
+        measured of them err.
 
         Nothing but the robot is inside its solids. How much points there differ from those beside
         them along the surface shows how far off it others of its own may be: how deep they are does
         not, as a shape for collisions may be larger than what cameras see of the link. Farther off
         than the padding they are not its own.
         """
-        signed = np.where(self.inside, -self.apart, self.apart)
-        limit = np.full(int(self.solid.max(initial=-1)) + 2, OWN_M)
-        # rows of each surface after the other
-        near = np.flatnonzero(self.padded & np.isfinite(signed))
-        order = near[np.argsort(self.solid[near], kind="stable")]
-        for rows in np.split(order, np.flatnonzero(np.diff(self.solid[order])) + 1):
-            if (signed[rows] < 0.0).sum() >= FEWEST_INSIDE:
-                spread = _spread(self.nearest[rows], signed[rows])
-                limit[self.solid[rows[0]]] = max(OWN_M, spread)
-        return self.padded & (self.inside | (self.apart <= limit[self.solid]))
+        near = self.padded & np.isfinite(self.apart)
+        signed = np.where(self.inside, -self.apart, self.apart)[near]
+        spread = _spread(self.nearest[near], signed)
+        return self.padded & (self.inside | (self.apart <= np.hypot(OWN_M, spread)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +125,7 @@ class Outline:
     def look(self, points: Array, least: float = 0.0) -> FilteredPoints:
         """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
         found, points = FilteredPoints.nothing(len(points)), np.ascontiguousarray(points)
-        for number, (T, tree, padding) in enumerate(self.placed):
+        for T, tree, padding in self.placed:
             cap = max(padding, least) + SINGLE_ROUNDING
             rows = rows_in_boxes(points, np.array([_upright_box(T, tree, cap)]))
             if not len(rows):
@@ -148,7 +139,6 @@ class Outline:
             # the nearest surface of all counts
             better = apart < found.apart[rows]
             found.apart[rows[better]] = apart[better]
-            found.solid[rows[better]] = number
             found.nearest[rows[better]] = nearest[better] @ T.rotation.T + T.translation
         return found
 
@@ -297,13 +287,16 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
 
 
 def _spread(nearest: Array, signed: Array) -> float:
-    """Metres by which the points of a solid differ from those around them, but for its tail.
+    """Metres by which points of surfaces differ from those around them, but for their tail; 0 where
+    too few are inside to tell.
 
     Args:
-        nearest: (n, 3) where the solid's surface is nearest to each.
+        nearest: (n, 3) where a surface is nearest to each.
         signed: (n,) how far outside of it they are, negative inside.
     """
     inside = some_of(np.column_stack([nearest, signed])[signed < 0.0])
+    if len(inside) < FEWEST_INSIDE:
+        return 0.0
     # along the surface, so that neighbours of a point do not err as it does
     _, around = cKDTree(nearest).query(inside[:, :3], FEWEST_INSIDE)
     off = inside[:, 3] - signed[around[:, 1:]].mean(axis=1)  # the first is the point itself
