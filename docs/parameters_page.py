@@ -6,6 +6,7 @@ Run `python docs/parameters_page.py docs/parameters.md` after a change of it.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from placement_planner_ros.core.settings import FINITE
@@ -44,7 +45,8 @@ def parameter_page() -> str:
     specs = [*fixed_specs(), sensor_pose_spec("<frame>")]
     later = [spec for spec in specs if not spec.startup]
     of_arm = [
-        spec.named(spec.name.replace(arms[0], "<arm>")) for spec in arm_specs(arms[0], yumi=True)
+        replace(spec, name=spec.name.replace(arms[0], "<arm>"))
+        for spec in arm_specs(arms[0], yumi=True)
     ]
     groups = {
         "What a run does, and among what": [s for s in later if not s.name.startswith("object.")],

@@ -67,7 +67,7 @@ def read_measured_robot(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> 
     if snapshot is None or findings.faults:
         raise ParameterError("file", str(file), "; ".join(findings.faults))
     description = given.parameters["robot_description"]
-    urdf, beside = description_text("robot_description", description, Files.below(paths, []))
+    urdf, beside = description_text("robot_description", description, Files(paths, []))
     above = [] if beside is None else _folders_above(beside, urdf)
     return MeasuredRobot(
         file.stem,

@@ -93,7 +93,7 @@ class World:
             parse_joint_limits(self.joint_limits) if self.joint_limits else None,
         )
         q = robot.configuration(start_of(self.thing, self.arm))
-        fixed = fixed_links(robot, list(TIP_FRAMES.values()))
+        fixed = fixed_links(robot, tuple(TIP_FRAMES.values()))
         arms = (yumi_arm(fixed.robot, self.arm, held.grasps[self.arm]),)
         body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
         around = workspace(fixed.robot, arms, q, body, volume)

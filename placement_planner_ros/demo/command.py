@@ -171,7 +171,7 @@ def put_down(
         return asking.search({}, options.seconds, confirm=False)
     asking.line.say(f"the robot is at its start with the {setting.name} in hand")
     # the fingers close on another thing
-    publisher.show(setting.positions, at_rest=True)
+    publisher.show(setting.positions)
     up = {"object.up": [0.0, 0.0, 1.0]} if setting.file.stem in _UPRIGHT else {}
     return asking.search({**setting.given, **up}, options.seconds, confirm=True)
 

@@ -68,34 +68,30 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
         parameters = getattr(request, "parameters", [])
         met: list[BaseException] = []
 
-        def respond_or_refuse() -> Any:
-            try:
-                # of a type that does not exist rclpy makes no parameter, but raises
-                _require_types(parameters)
-                return respond(request, response)
-            except PlacementPlannerError as error:
-                return _saying(refusal([error]), kind.Response(), len(parameters))
+        def act() -> Any:
+            # of a type that does not exist rclpy makes no parameter, but raises
+            _require_types(parameters)
+            return respond(request, response)
 
-        given = survive(respond_or_refuse, met.append)
-        # whatever else was raised is the node's own fault, and the caller is told all the same
+        given = survive(act, met.append)
         for error in met:
-            log.fault("a request met a fault", error)
-            words = " ".join(str(error).split())
-            said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
+            if isinstance(error, PlacementPlannerError):
+                said = refusal([error])
+            else:
+                # the node's own fault, and the caller is told all the same
+                log.fault("a request met a fault", error)
+                words = " ".join(str(error).split())
+                said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
             given = _saying(said, kind.Response(), len(parameters))
-        return given
-
-    def written_down(request: Any, response: Any) -> Any:
-        response = answered(request, response)
         # refusals are always written down, successes where they change something
-        for success, words in _outcomes(response):
+        for success, words in _outcomes(given):
             if not success:
                 log.warn(f"{name} refused: {words}")
             elif name in (*_TRIGGERS, *_WITH_PARAMETERS):
                 log.event(f"{name}: {words}")
-        return response
+        return given
 
-    return written_down
+    return answered
 
 
 def _require_types(parameters: Any) -> None:

@@ -20,7 +20,6 @@ _NUMBERS = {
     "collision_margin": "Collision margin, m",
     "edge_margin": "Edge margin, m",
 }
-_START, _STOP, _CONFIRM = "Start", "Stop", "Confirm as placed"
 _VOLUME, _OBJECTIVE, _RETREAT = "target_volume", "objective", "require_retreat"
 _REGION = "support_region"
 
@@ -44,7 +43,7 @@ class Controls:
         self._client, self._run, self._shown = client, run, shown
         self._known: dict[str, Any] = {}
         gui = server.gui
-        acts = {_START: self._start, _STOP: self._stop, _CONFIRM: self._confirm}
+        acts = {"Start": self._start, "Stop": self._stop, "Confirm as placed": self._confirm}
         # what acts at once stands above, what changes the next start below
         buttons: Any = gui.add_button_group(
             "Planner",

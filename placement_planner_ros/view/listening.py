@@ -49,8 +49,6 @@ class Listener:
     whatever its names were mapped to.
 
     Attributes:
-        watched: set by whoever knows whether anybody looks at what is heard; where nobody does,
-            what is large waits.
         hearing: status and solutions.
         parameters: the node's.
         positions: newest value of each joint, rad or m.
@@ -72,7 +70,6 @@ class Listener:
         self.planner = node.resolve_service_name(planner)
         self.hearing = Subscriptions(node, planner, self._group, News())
         self.parameters = NodeParameters(node, self.planner, self._group)
-        self.watched = True
         self.positions: dict[str, float] = {}
         self.clouds: dict[str, tuple[str, Array]] = {}
         self.markers: MarkerArray | None = None
@@ -137,8 +134,6 @@ class Listener:
         )
 
     def _large_period(self) -> float:
-        if not self.watched:
-            return math.inf
         # a search needs the processor more than the page does
         status = self.hearing.status
         searching = status is not None and status.run > 0 and not status.ended

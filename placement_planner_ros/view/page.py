@@ -65,18 +65,16 @@ class Page:
     def refresh(self) -> float:
         """Show what is new; seconds until that is due again.
 
-        While nobody has the page open, solutions are remembered and the robot is read, and no more.
+        While nobody has the page open, nothing is drawn.
         """
         now = time.monotonic()
         # what has come since the last look
         passed, self._looked_at = now - self._looked_at, now
-        watched = self._listener.watched = bool(self._server.get_clients())
         self._remember()
-        if watched:
-            self._hear()
+        self._hear()
         self._world.update(self._markers["object"])
         self._draw_robot_anew()
-        if not watched:
+        if not self._server.get_clients():
             return UNWATCHED
         self._choose()
         # which solution is looked at, and how far its motion has been played

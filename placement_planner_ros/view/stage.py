@@ -106,11 +106,9 @@ class PageStage:
         """Lines (n, 2, 3) from where the object leans towards what holds it there, and triangles
         (3 w, 3) of the wall."""
         self._draw_lines("contacts", lines, colours.CONTACT, 0.002)
-        self._clear("wall")
+        self._draw_triangles("contacts/wall", wall, colours.WALL)
         if len(wall):
-            surface = wall, np.arange(len(wall)).reshape(-1, 3)
-            self._parts["wall"] = self._mesh("contacts/wall", surface, colours.WALL)
-            self._parts["wall"].opacity = 0.35  # what is behind it is seen
+            self._parts["contacts/wall"].opacity = 0.35  # what is behind it is seen
 
     def draw_volume(self, boxes: Array) -> None:
         """The edges of V's boxes (k, 2, 3)."""
@@ -134,29 +132,31 @@ class PageStage:
 
     def draw_regions(self, corners: Array) -> None:
         """The regions' triangles (3 t, 3), a little above the surface."""
-        self._clear("regions")
+        self._draw_triangles("regions/all", corners + np.array([0.0, 0.0, 0.002]), colours.REGION)
+
+    def _draw_triangles(self, name: str, corners: Array, colour: colours.Rgb) -> None:
+        """Triangles (3 t, 3) instead of those before."""
+        self._clear(name)
         if len(corners):
-            surface = corners + np.array([0.0, 0.0, 0.002]), np.arange(len(corners)).reshape(-1, 3)
-            self._parts["regions"] = self._mesh("regions/all", surface, colours.REGION)
+            surface = corners, np.arange(len(corners)).reshape(-1, 3)
+            self._parts[name] = self._mesh(name, surface, colour)
 
     def draw_cloud(self, topic: str, points: Array) -> None:
         """A cloud's points (n, 3) in the planning frame; the one before goes."""
         self._draw_points(
-            f"/cloud/{_plain_name(topic)}", points, colours.by_height(points[:, 2]), _POINT
+            f"/cloud/{topic.replace('/', '_')}", points, colours.by_height(points[:, 2]), _POINT
         )
 
     def draw_occupancy(self, points: Array, cell_size: float) -> None:
         """The middles of the obstacle set's cells (n, 3)."""
-        colour = np.tile(np.array(colours.OBSTACLES, np.uint8), (len(points), 1))
-        self._draw_points("/occupancy/cells", points, colour, 0.7 * cell_size)
+        self._draw_points("/occupancy/cells", points, colours.OBSTACLES, 0.7 * cell_size)
 
     def draw_standing(self, points: Array) -> None:
         """Points (n, 3) on what earlier runs have placed."""
-        colour = np.tile(np.array(colours.STANDING, np.uint8), (len(points), 1))
-        self._draw_points("/standing/points", points, colour, _STANDING_POINT)
+        self._draw_points("/standing/points", points, colours.STANDING, _STANDING_POINT)
 
     def _draw_points(
-        self, name: str, points: Array, colour: npt.NDArray[np.uint8], size: float
+        self, name: str, points: Array, colour: npt.NDArray[np.uint8] | colours.Rgb, size: float
     ) -> None:
         """As one node, whose place is in the middle: coordinates go with half precision."""
         if len(points) == 0:  # browsers complain of a cloud without points
@@ -204,7 +204,3 @@ class PageStage:
 def _place(handle: Any, T: pin.SE3) -> None:
     """Move something to T_world_thing."""
     handle.position, handle.wxyz = T.translation, np.roll(pin.SE3ToXYZQUAT(T)[3:], 1)
-
-
-def _plain_name(topic: str) -> str:
-    return "".join(c if c.isalnum() else "_" for c in topic)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from html import escape
 
 from placement_planner_ros.client import Solution
@@ -86,7 +85,9 @@ def placement_html(solution: Solution | None, reason: str, objective: object, pl
         f"ξ = {_bold_text(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
         + f": {escape(str(objective or 'your objective'))}",
     ]
-    lines += [_term_words(solution.terms)] if solution.terms else []
+    if solution.terms:
+        terms = ", ".join(f"{escape(n)} {value:.3g}" for n, value in solution.terms.items())
+        lines.append(f"terms: {terms}")
     if solution.leans_on:
         lines.append(f"it leans on {escape(solution.leans_on)}")
     if solution.unseen:
@@ -98,10 +99,6 @@ def placement_html(solution: Solution | None, reason: str, objective: object, pl
     else:
         lines.append('<span style="color:#14752f">It can be carried out.</span>')
     return _html_block("<br>".join(lines), "#222")
-
-
-def _term_words(terms: Mapping[str, float]) -> str:
-    return "terms: " + ", ".join(f"{escape(name)} {value:.3g}" for name, value in terms.items())
 
 
 def note_html(text: str) -> str:

@@ -37,9 +37,6 @@ class Itself:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Itself) and self._thing is other._thing
 
-    def __hash__(self) -> int:
-        return id(self._thing)
-
 
 class World:
     """Robot and object as the node has been given them. Made anew only when these change.
@@ -149,7 +146,7 @@ class World:
 
     @property
     def _files(self) -> Files:
-        return Files.below(self.parameter("package_paths", []), self.parameter("file_roots", []))
+        return Files(self.parameter("package_paths", []), self.parameter("file_roots", []))
 
     def link_poses(self, positions: Mapping[str, float]) -> Mapping[str, pin.SE3]:
         """T_planning_link of every link; empty where there is no robot."""

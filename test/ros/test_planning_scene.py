@@ -58,7 +58,7 @@ PYRAMID = Mesh(
 def test_what_moveit_knows_is_known_where_it_is(thing, low, high):
     solid = isinstance(thing, SolidPrimitive)
     told = collision_object([thing] if solid else [], [] if solid else [thing])
-    known = KnownObjects(Files.below((), ()))
+    known = KnownObjects(Files((), ()))
     assert not known.take(MarkerArray(markers=example.markers_of(told)))
     (surface,) = known.surfaces(lambda frame: pin.SE3.Identity())
     points = surface.within(np.full(3, -3.0), np.full(3, 3.0)).points

@@ -53,10 +53,6 @@ class CloudSubscriptions:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)
         every(node, LATE_S / 2, self.follow)
 
-    def reliability(self, topic: str) -> ReliabilityPolicy:
-        """What the subscription to that topic asks for now."""
-        return self._subscriptions[topic][0]
-
     def follow(self) -> None:
         """Subscribe anew where the publishers offer something else than before."""
         for topic, (reliability, subscription) in list(self._subscriptions.items()):

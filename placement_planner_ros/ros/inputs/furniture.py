@@ -48,8 +48,9 @@ class FixedLinks:
         )
 
 
-def fixed_links(robot: Robot, ends: Collection[str], named: Sequence[str] = ()) -> FixedLinks:
-    """Tell furniture from the robot's foot.
+@weak_lru_cache("robot", maxsize=4)
+def fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...] = ()) -> FixedLinks:
+    """Tell furniture from the robot's foot; remembered, so that what is made of it is made once.
 
     Of the foot is, on each chain from the root to an end, the link that carries the first joint,
     and fixed links that this one, or a moving one, touches in every configuration, sampled.
@@ -58,12 +59,6 @@ def fixed_links(robot: Robot, ends: Collection[str], named: Sequence[str] = ()) 
         ends: links that arms and sensors have at their ends.
         named: the links that are furniture, instead of those found.
     """
-    return _fixed_links(robot, tuple(sorted(ends)), tuple(named))
-
-
-@weak_lru_cache("robot", maxsize=4)
-def _fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...]) -> FixedLinks:
-    """Remembered, so that what is made of a robot is made once."""
     joints = [shape.parentJoint for shape in robot.geometry.geometryObjects]
     pairs = zip(robot.geometry_links, joints, strict=True)
     # joint 0 is pinocchio's universe: nothing moves what hangs on it

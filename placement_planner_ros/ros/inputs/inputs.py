@@ -71,7 +71,7 @@ class Inputs:
         clock: Clock | None = None,
         log: Log | None = None,
     ) -> None:
-        files = Files.below(parameters["package_paths"], parameters["file_roots"])
+        files = Files(parameters["package_paths"], parameters["file_roots"])
         self.robot = RobotInput(parameters, files, log)
         self.joints = JointStates()
         self.object = ObjectInput(parameters, files, log)
@@ -176,16 +176,9 @@ class Inputs:
             frames = {*self._frames.values(), *more}
         return {frame for frame in frames if robot.has_link(frame)}
 
-    def turned_notes(self) -> list[str]:
-        """What is wrong with axes of clouds, in words."""
-        return [f"{topic}: {words}" for topic, words in self.turned.items() if words]
-
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:
         """Equal at two moments where nothing that a snapshot is taken of has changed."""
-        try:
-            robot = self.robot.robot
-        except PlacementPlannerError:
-            robot = None
+        robot = self.robot.key, self.robot.state
         # counters and whole objects, so that two states are compared at once
         changes = self.clouds.changes + self.known.changes, tuple(self.known.placed.values())
         return changes, self.joints.positions(), self.object.key, robot, parameters
@@ -196,7 +189,8 @@ class Inputs:
         """The robot without its furniture, and that furniture."""
         # the chains that end at hands and at sensors belong to the robot
         ends = self._sensor_links(robot, parameters["sensor_frames"])
-        return fixed_links(robot, ends | {a.tip_frame for a in arms}, parameters[WORLD_LINKS])
+        ends |= {arm.tip_frame for arm in arms}
+        return fixed_links(robot, tuple(sorted(ends)), tuple(parameters[WORLD_LINKS]))
 
     def known_surfaces(self, robot: Robot, parameters: ParameterSet) -> tuple[KnownSurface, ...]:
         """The known objects, and what was placed, in the planning frame.

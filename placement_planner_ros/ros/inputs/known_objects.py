@@ -13,11 +13,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, forget_where
-from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.wishes.checks import check_pose_value
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, read_kept
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, mesh_of_file
 from placement_planner_ros.ros.inputs.point_cloud import FAR_M
 from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.inputs.resources import Files
@@ -180,23 +179,19 @@ class KnownObjects:
     def _file(self, uri: str, field: str) -> Hashable:
         """Begin to read a mesh file, its header found in order; by what it is kept."""
         try:
-            path = self._files.find(uri, trusted=False)
             # what the header shows is told at once, all else when the file is read
-            check_header(path)
-            found = path.stat()
+            key, read_mesh = mesh_of_file(self._files.find(uri, trusted=False))
         except (OSError, ValueError) as error:
             raise ParameterError(field, uri, f"cannot be read: {error}") from error
 
         def read() -> Array:
             try:
                 with MeshProcess() as process:
-                    vertices, triangles = read_kept(process, path)
+                    vertices, triangles = read_mesh(process)
             except (OSError, ValueError) as error:
                 raise ParameterError(field, uri, f"cannot be read: {error}") from error
             return vertices[triangles]
 
-        # a file that was written anew is another one
-        key = path, found.st_size, found.st_mtime_ns
         self.reading.want(key, read, lasting=True)
         return key
 

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,12 @@ from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hu
 from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.child_process import child_environment
 from placement_planner_ros.core.disk_cache import stored_result
-from placement_planner_ros.core.meshes.read import Triangles, content_digest, read_mesh
+from placement_planner_ros.core.meshes.read import (
+    Triangles,
+    check_header,
+    content_digest,
+    read_mesh,
+)
 from placement_planner_ros.core.stopping import StoppedError, step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
@@ -133,6 +139,23 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
         return made
 
     return stored_result("read meshes", digest, read)
+
+
+KeptMesh = tuple[Hashable, Callable[[MeshProcess], tuple[Array, Triangles]]]
+"""What tells a mesh from others, and what reads its vertices (n, 3) and triangles (t, 3)."""
+
+
+def mesh_of_file(path: Path) -> KeptMesh:
+    """The mesh of a file in the state in which it is now, its header found in order.
+
+    Raises:
+        OSError, ValueError: it is no mesh file.
+    """
+    check_header(path)
+    found = path.stat()
+    # a file that was written anew is another mesh
+    key = path, found.st_ino, found.st_size, found.st_mtime_ns
+    return key, lambda process: read_kept(process, path)
 
 
 def cover_in(process: MeshProcess, vertices: Array, triangles: Triangles) -> Cover:

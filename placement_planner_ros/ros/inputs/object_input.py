@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable, Iterable
 from functools import partial
 from typing import Literal
 
@@ -13,10 +13,14 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.attached_object import object_solids
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
-from placement_planner_ros.core.meshes.read import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_message import Triangles, mesh_from_lists
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, cover_in, read_kept
+from placement_planner_ros.ros.inputs.mesh_process import (
+    KeptMesh,
+    MeshProcess,
+    cover_in,
+    mesh_of_file,
+)
 from placement_planner_ros.ros.inputs.reading import Read, Reading, State
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.log import Log
@@ -34,12 +38,6 @@ class NoObjectError(PlacementPlannerError):
     """Nobody said what the robot holds."""
 
     code = "NO_OBJECT"
-
-
-ReadMesh = Callable[[MeshProcess], tuple[Array, Triangles]]
-"""Reads vertices (n, 3) and triangles (t, 3)."""
-_Given = tuple[Hashable, ReadMesh]
-"""Something that an object is made of, after what tells it from others."""
 
 
 class ObjectInput:
@@ -63,9 +61,9 @@ class ObjectInput:
         # what the operator names at start-up may lie anywhere
         self._operators = str(parameters["object.mesh"])
         self._log = log
-        self._topic: _Given | PlacementPlannerError | None = None
+        self._topic: KeptMesh | PlacementPlannerError | None = None
         self._source: Source = _source_of(parameters, ("object.vertices", "object.mesh"), "none")
-        self._listed: tuple[object, object, _Given] | None = None
+        self._listed: tuple[object, object, KeptMesh] | None = None
         self.reading: Reading[Body] = Reading("object", ObjectError, _read_words, log)
         self._parameters = parameters
         self._key: Hashable = None
@@ -196,19 +194,14 @@ class ObjectInput:
 
         return (given_key, tuple(center), scale, settings), make
 
-    def _open(self, uri: str) -> _Given:
+    def _open(self, uri: str) -> KeptMesh:
         """A mesh file by its name, its header found in order."""
         try:
-            path = self._files.find(uri, trusted=uri == self._operators)
-            check_header(path)
-            found = path.stat()
+            return mesh_of_file(self._files.find(uri, trusted=uri == self._operators))
         except (OSError, ValueError) as error:
             raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
-        # a file that was written anew is another object
-        key = path, found.st_ino, found.st_size, found.st_mtime_ns
-        return key, lambda process: read_kept(process, path)
 
-    def _listed_mesh(self, parameters: ParameterSet) -> _Given:
+    def _listed_mesh(self, parameters: ParameterSet) -> KeptMesh:
         """The mesh that object.vertices and object.triangles list."""
         vertices, triangles = parameters["object.vertices"], parameters["object.triangles"]
         # compared by identity, as lists of parameters are replaced and never changed
@@ -220,7 +213,7 @@ class ObjectInput:
         return mesh
 
 
-def _as_it_is(mesh: tuple[Array, Triangles]) -> _Given:
+def _as_it_is(mesh: tuple[Array, Triangles]) -> KeptMesh:
     """A mesh that is there already."""
     return digest_of(*mesh), lambda _: mesh
 

@@ -11,7 +11,6 @@ import contextlib
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -55,25 +54,18 @@ def package_share(package: str) -> Path:
         ) from error
 
 
-@dataclass(frozen=True, slots=True)
 class Files:
     """Finds the files that users name.
 
-    Attributes:
+    Args:
         package_paths: folders that hold packages, or are one.
-        file_roots: folders from which files may be read later.
+        file_roots: folders from which files may be read later; relative ones count from where the
+            node runs.
     """
 
-    package_paths: tuple[Path, ...] = ()
-    file_roots: tuple[Path, ...] = ()
-
-    @classmethod
-    def below(cls, package_paths: Sequence[str], file_roots: Sequence[str]) -> Files:
-        """From the parameters of these names; relative folders count from where the node runs."""
-        return cls(
-            tuple(_expanded(folder).absolute() for folder in package_paths),
-            tuple(_expanded(folder).absolute() for folder in file_roots),
-        )
+    def __init__(self, package_paths: Sequence[str] = (), file_roots: Sequence[str] = ()) -> None:
+        self.package_paths = tuple(_expanded(folder).absolute() for folder in package_paths)
+        self.file_roots = tuple(_expanded(folder).absolute() for folder in file_roots)
 
     def find(self, uri: str, *, trusted: bool, beside: Path | None = None) -> Path:
         """The file that a path, a file:// or a package:// URI names.

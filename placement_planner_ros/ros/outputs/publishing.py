@@ -6,7 +6,6 @@ import threading
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio as pin
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
@@ -185,15 +184,17 @@ class Outputs:
 
     def diagnostics(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """Input ages and state, for whoever collects diagnostics."""
-        status = self._statement(level, message, values)
         header = Header(stamp=self._now())
-        self._diagnostics.publish(DiagnosticArray(header=header, status=[status]))
+        self._diagnostics.publish(self._manifest(header, message, values, level))
 
     def _manifest(
-        self, header: Header, words: str, values: Mapping[str, object]
+        self,
+        header: Header,
+        words: str,
+        values: Mapping[str, object],
+        level: bytes = DiagnosticStatus.OK,
     ) -> DiagnosticArray:
-        statement = self._statement(DiagnosticStatus.OK, words, values)
-        return DiagnosticArray(header=header, status=[statement])
+        return DiagnosticArray(header=header, status=[self._statement(level, words, values)])
 
     def _statement(
         self, level: bytes, words: str, values: Mapping[str, object]
@@ -216,15 +217,11 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
     """(n, 3) positions of the arm's tip along the trajectory."""
     robot = snapshot.robot
     arm = snapshot.arm(placement.goal.arm)
-    frame = robot.frame_id(arm.tip_frame)
     trajectory = placement.trajectory
     chosen = np.linspace(0, len(trajectory.times) - 1, min(60, len(trajectory.times)))
     q = np.array(snapshot.q_start)
-    data = robot.model.createData()
     path = []
     for row in chosen.round().astype(int):
         q[arm.q_index] = trajectory.positions[row]
-        pin.framesForwardKinematics(robot.model, data, q)
-        # a copy, as the next configuration overwrites it
-        path.append(data.oMf[frame].translation.copy())
+        path.append(robot.link_pose(q, arm.tip_frame).translation)
     return np.array(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -66,10 +66,6 @@ class Spec:
         kind = _KINDS.get(str(type(settings).__dataclass_fields__[field].type), "string")
         default = list(default) if isinstance(default, tuple) else default
         return cls(name, kind, default, meaning, check=check)
-
-    def named(self, name: str, default: Value | None = None) -> Spec:
-        """The same by another name, and with another default where one is given."""
-        return replace(self, name=name, default=self.default if default is None else default)
 
     def convert(self, value: object) -> Value:
         """The value in this parameter's type; nothing is an empty list.

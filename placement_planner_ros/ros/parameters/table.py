@@ -7,6 +7,7 @@ the setting's field. Knows nothing of rclpy: `server.py` declares all this.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
@@ -167,12 +168,6 @@ _ARM = (
              unit="rad or m"),
 )
 """Of each of them, after its name."""
-
-_SENSOR = own_spec(
-    "pose", "double[]", [],
-    "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given. At a start the "
-    "newest cloud goes there too, but for points accumulated with cloud.mode merge.",
-    unit="m", check=wish_checks.check_pose_value)
 # fmt: on
 
 
@@ -198,9 +193,17 @@ def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
     if yumi and arm in TIP_FRAMES:
         known |= {"tip_frame": TIP_FRAMES[arm], "gripper_joints": [GRIPPER_JOINTS[arm]]}
         known["gripper_open"] = [GRIPPER_OPEN]
-    return [spec.named(f"{arm}.{spec.name}", known.get(spec.name, spec.default)) for spec in _ARM]
+    return [
+        replace(spec, name=f"{arm}.{spec.name}", default=known.get(spec.name, spec.default))
+        for spec in _ARM
+    ]
 
 
 def sensor_pose_spec(frame: str) -> Spec:
     """Pose of one declared sensor frame."""
-    return _SENSOR.named(f"sensor_poses.{frame}")
+    text = (
+        "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given. At a start the "
+        "newest cloud goes there too, but for points accumulated with cloud.mode merge."
+    )
+    name, check = f"sensor_poses.{frame}", wish_checks.check_pose_value
+    return own_spec(name, "double[]", [], text, check, unit="m")

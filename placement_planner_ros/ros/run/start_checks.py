@@ -101,6 +101,8 @@ def take_snapshot(
     parts += tuple(each for each in known if len(each.points))
     if not parts:
         return [CloudError("known_objects", "none near the arms", "there is nothing to place on")]
+    told = [str(fixed)] if fixed.furniture else []
+    told += [f"{topic}: {words}" for topic, words in inputs.turned.items() if words]
     snapshot = Snapshot(
         fixed.robot,
         arms,
@@ -113,7 +115,7 @@ def take_snapshot(
         robot_key,
         joints,
         moving,
-        (*notes, *([str(fixed)] if fixed.furniture else []), *inputs.turned_notes()),
+        (*notes, *told),
         changes,
     )
     # what only the whole shows: faces for the contacts, cells for the volume

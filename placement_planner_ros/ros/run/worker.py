@@ -227,10 +227,8 @@ class Run:
     def _explanation(self) -> Explanation:
         """The planner's, of a run that was ended early as such."""
         assert self.planner is not None
-        told = self.planner.explanation
-        if self.state in (State.STOPPED, State.STOPPING, State.ROBOT_MOVED):
-            return told.cut_short(self._searched)
-        return told
+        told, early = self.planner.explanation, (State.STOPPED, State.STOPPING, State.ROBOT_MOVED)
+        return told.cut_short(self._searched) if self.state in early else told
 
     def _named(self, words: str) -> str:
         """The words with the names of this node's own sensors."""

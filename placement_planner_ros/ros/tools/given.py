@@ -9,7 +9,6 @@ from typing import Any
 
 import yaml
 
-from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.ros.parameters.server import NOT_OURS, all_specs
 from placement_planner_ros.ros.parameters.spec import Spec, Value
@@ -35,12 +34,9 @@ class Given:
 def read_given(file: Path | None, overrides: Mapping[str, Any], findings: Findings) -> Given:
     """The parameters of a file and, over these, of the command line; says what is wrong."""
     values: dict[str, Any] = {}
-    mine: set[str] = set()
-    for node, parameters in () if file is None else _nodes_for(file, NODE, findings):
+    for parameters in () if file is None else _given_to(NODE, file, findings):
         for name, value in _flat(parameters, ()):
             values[name] = value
-            # the part of the file that says it last decides whether it is for this node alone
-            (mine.add if node == NODE else mine.discard)(name)
             findings.attempt(lambda: _require_fit(name, value))  # noqa: B023
     # the command line counts before the file
     values |= overrides
@@ -59,11 +55,8 @@ def read_given(file: Path | None, overrides: Mapping[str, Any], findings: Findin
     specs = all_specs(take)
     plain = ParameterSet(specs, {"arms": good["arms"]} if good.get("arms") else {}, values)
     for name, words in plain.unknown(n for n in values if not n.startswith(NOT_OURS)).items():
-        # What is for every node may be for another one.
-        if name in mine or "nearest" in words:
-            findings.wrong(f"{name}: {words}")
-        else:
-            findings.say(f"{name}: not a parameter of this node")
+        # the node would plan all the same: what is for every node may be for another one
+        findings.remarks.append(f"{name}: {words}")
     made = findings.attempt(lambda: ParameterSet(specs, good, values))
     return Given(made or plain, frozenset(values))
 
@@ -94,16 +87,14 @@ def read_yaml(file: Path) -> Any:
     return next((each for each in documents if each is not None), None)
 
 
-def _nodes_for(file: Path, node: str, findings: Findings) -> list[tuple[str, Mapping[Any, Any]]]:
-    """The last part of the names of nodes that are this one, or every one, and their parameters."""
+def _given_to(node: str, file: Path, findings: Findings) -> list[Mapping[Any, Any]]:
+    """The parameters of this node, and of every one."""
     tree = findings.attempt(lambda: read_yaml(file))
-    nodes = list(_nodes(tree, ""))
-    found = [each for each in nodes if each[0] in ("**", "*", node)]
+    found = [parameters for of, parameters in _nodes(tree, "") if of in ("**", "*", node)]
     if tree is not None and not found:
-        meant = did_you_mean(node, [name for name, _ in nodes])
         findings.wrong(
             f"{file}: it has no parameters for {node}; begin it with '/**:' or '{node}:', then "
-            f"'ros__parameters:'" + (f" (it has some for {meant})" if meant else "")
+            f"'ros__parameters:'"
         )
     return found
 

@@ -134,8 +134,9 @@ def read_snapshot(
         if parameters["robot_description"] and "arms" not in given.names:
             findings.wrong("arms: none is named; set arms and, of each, tip_frame and grasps")
             return None
-        # zero for joints of which no start is given
-        q = dict(zip(robot.joint_names, _zero(robot).tolist(), strict=True))
+        # zero, or the limit next to it, for joints of which no start is given
+        zero = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
+        q = dict(zip(robot.joint_names, zero.tolist(), strict=True))
         told = start
         if joints is not None:
             told, q = findings.attempt(lambda: read_yaml(joints)), {}
@@ -152,11 +153,6 @@ def read_snapshot(
             findings.wrong(fault)
         return None
     return taken if joints or start else with_open_hands(taken, findings)
-
-
-def _zero(robot: Robot) -> Array:
-    """(nq,) zero, or the limit next to it."""
-    return np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
 
 
 def positions_of(tree: Any, where: str) -> dict[str, float]:

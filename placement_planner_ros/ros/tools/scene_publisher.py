@@ -78,16 +78,16 @@ class ScenePublisher(Node):
                 text = share_path("urdf", file).read_text(encoding="utf-8")
                 self.create_publisher(String, topic, LATCHED).publish(String(data=text))
         scene, positions, frame = own
-        self._positions, self._at_rest = dict(positions), True
+        self._positions = dict(positions)
         self._clouds = self._make_clouds(scene, kind, frame)
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
         every(self, 1.0 / rate, self._publish_clouds)
         every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
         self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
 
-    def show(self, positions: Mapping[str, float], at_rest: bool) -> None:
+    def show(self, positions: Mapping[str, float]) -> None:
         """Where the joints, by name, are from now on; may be called from any thread."""
-        self._positions, self._at_rest = dict(positions), at_rest
+        self._positions = dict(positions)
 
     def _make_clouds(
         self, scene: Scene, kind: object, planning_frame: str
@@ -118,11 +118,8 @@ class ScenePublisher(Node):
             publisher.publish(message)
 
     def _publish_joint_states(self) -> None:
-        state = joint_state_at_rest(self._positions, self.get_clock().now().to_msg())
-        # zeros would be wrong of a robot that moves
-        if not self._at_rest:
-            state.velocity = []
-        self._joint_states.publish(state)
+        now = self.get_clock().now().to_msg()
+        self._joint_states.publish(joint_state_at_rest(self._positions, now))
 
 
 def joint_state_at_rest(positions: Mapping[str, float], stamp: Time) -> JointState:

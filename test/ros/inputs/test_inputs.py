@@ -28,7 +28,7 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
 LINK, JOINT = "gripper_l_base", "yumi_joint_1_l"
 POINT = np.array([0.0, 0.0, 0.2])
-FILES = Files.below([], [])
+FILES = Files([], [])
 
 
 def parameter_set(**values):

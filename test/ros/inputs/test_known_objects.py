@@ -25,7 +25,7 @@ def marker(kind, scale=(1.0, 1.0, 1.0), at=(0.0, 0.0, 0.0), ns="scene", number=1
 
 
 def told(*markers, roots=()):
-    known = KnownObjects(Files.below((), roots))
+    known = KnownObjects(Files((), roots))
     return known, known.take(MarkerArray(markers=list(markers)))
 
 

@@ -42,7 +42,7 @@ def tree(tmp_path, monkeypatch):
 
 @pytest.fixture
 def files(tree):
-    return Files.below([str(tree / "packages")], ["open"])
+    return Files([str(tree / "packages")], ["open"])
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def test_furniture_of_the_description_carries_and_is_kept_clear_of(holding):
         package_dirs={PACKAGE: urdf.parent.parent},
         srdf=srdf.read_text(),
     )
-    fixed = fixed_links(robot, ["gripper_l_base", "gripper_r_base"])
+    fixed = fixed_links(robot, ("gripper_l_base", "gripper_r_base"))
     assert (fixed.furniture, fixed.foot) == (("table",), ("yumi_body",))
     _, _, rod = rod_beside(holding, 0.1)
     clouds = (rod, fixed.surfaces[0].within(np.full(3, -2.0), np.full(3, 2.0)).points)

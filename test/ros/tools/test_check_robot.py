@@ -156,9 +156,11 @@ def test_everything_that_is_wrong_is_told_in_one_list(robot, capsys):
     )
     (robot / "start.yaml").write_text("j0: 0.1\nj_1: 0.2\nj2: 9.0\n")
     assert main(["--params-file", str(file), "--joints", str(robot / "start.yaml")]) == 1
-    said = faults(capsys.readouterr().out)
+    told = capsys.readouterr().out
+    assert "the nearest is collision_margin" in " ".join(told.split())
+    said = faults(told)
     for words in ("thre", "arm.grasps", "target_volume", "bx.stl",
-                  "the nearest is collision_margin", "collision_margin = -1",
+                  "collision_margin = -1",
                   "missing = ['j1', 'left_finger']",
                   "ROS refuses a list of integers and other"):  # fmt: skip
         assert words in said, words

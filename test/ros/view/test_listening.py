@@ -95,18 +95,6 @@ def test_inputs_are_heard_whatever_their_names_and_whatever_comes_by_them(heard)
     wait(joints)
     assert listener.positions == {"a": 1.0}
 
-    listener.watched, before = False, listener.clouds
-    planner.depth.publish(message_from_points(np.ones((7, 3)), Header(frame_id="world")))
-
-    def later():
-        planner.arm_states.publish(JointState(name=["a"], position=[2.0]))
-        return listener.positions == {"a": 2.0}
-
-    wait(later)
-    assert listener.clouds is before
-    listener.watched = True  # and the one that nobody looked at is there
-    wait(lambda: len(listener.clouds["/depth"][1]) == 7)
-
     planner.solution.publish(DiagnosticArray())  # without a status
     wait(lambda: dropped)
     planner.say(run=3, state="searching", solutions=0)
