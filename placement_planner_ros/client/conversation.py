@@ -134,10 +134,8 @@ class Conversation:
         except _NOT_SENT as error:
             raise PlacementError(NO_NODE, f"ROS has been shut down here: {error}") from error
         # however the wait ends, a run that was begun must not go on unheard
-        latest = time.monotonic() + ANSWER_WITHIN
         try:
-            if self.news.wait_until(lambda: future.done() or None, latest) is None:
-                raise PlacementError(NO_ANSWER, self.unheard(f"{name} was not answered"))
+            self.hear(lambda: future.done() or None, f"{name} was not answered")
         except BaseException:
             if name == "start_with":
                 self._leave_begun(future)

@@ -124,24 +124,6 @@ def waiting(subscription: Subscription, most: int) -> Iterator[Any]:
             yield taken[0]
 
 
-def hand_out(executor: Executor, on_error: Callable[[Exception], None]) -> None:
-    """Call what is ready, each once, and wait for nothing; for who looks by a clock of its own.
-
-    Args:
-        on_error: told of what a callback raises.
-    """
-    while True:
-        try:
-            task, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        except (ExternalShutdownException, ShutdownException, TimeoutException):
-            return
-        task()
-        # a task keeps what its callback has raised
-        error = task.exception()
-        if error is not None:
-            on_error(error)
-
-
 def spin_until(
     executor: Executor,
     asked: threading.Event,

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import rclpy
 import viser
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
@@ -20,8 +19,9 @@ from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.transforms import Transforms
+from placement_planner_ros.ros.patience import STOP_PATIENCE_S
 from placement_planner_ros.ros.process import begin_ros
-from placement_planner_ros.ros.spinning import hand_out
+from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 from placement_planner_ros.view.controls import Controls
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.options import make_parser
@@ -31,8 +31,6 @@ from placement_planner_ros.view.world import World
 NICE = 19
 """By how much others go first where the processor is short, as the planner should."""
 _UNEXPECTED = (ArithmeticError, LookupError, PlacementPlannerError, TypeError, ValueError)
-HEARD = 0.1
-"""Seconds between looks at what has come. Each takes half a millisecond, however much has."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,17 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if client is not None:
         controls = Controls(server, client, lambda: page.record.run, lambda: page.solution)
     # one thread hears, this one draws
-    executor, over = SingleThreadedExecutor(), threading.Event()
+    executor, over = PooledExecutor(1), threading.Event()
     executor.add_node(node)
 
-    def survive(error: Exception) -> None:
+    def survive(error: BaseException) -> None:
         node.get_logger().warning(f"a message was dropped: {type(error).__name__}: {error}")
 
-    def hear() -> None:
-        while not over.wait(HEARD):
-            hand_out(executor, survive)
-
-    hearing = threading.Thread(target=hear, name="hearing")
+    told = executor, over, survive
+    hearing = threading.Thread(target=spin_until, args=told, name="hearing")
     hearing.start()
     print(f"placement_view: http://{options.host}:{options.port}", flush=True)
     if options.control:
@@ -80,6 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         over.set()
         hearing.join()
         server.stop()
+        executor.finish(STOP_PATIENCE_S)
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -56,7 +56,7 @@ class Node:
     def confirm_placed(self, solution):
         self.confirmed.append(solution)
 
-    def show(self, positions, at_rest):
+    def show(self, positions):
         self.shown.append(positions)
 
     def search(self, confirm=False):
