@@ -21,7 +21,13 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import HELD_OBJECT, CollisionSettings, arm_joint
 from placement_planner_ros.core.collision.attached_object import object_overlaps
-from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
+from placement_planner_ros.core.errors import (
+    NAMED_THINGS,
+    GraspError,
+    PlacementPlannerError,
+    StartError,
+    listed,
+)
 from placement_planner_ros.core.grasp.hand_opening import grasp_error
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
@@ -37,8 +43,6 @@ WITH_CLOUDS = "in collision with the clouds"
 MOVE_ROBOT = "move the robot to where it keeps collision_margin with the object in hand"
 CHECK_GRASP = "check grasps and `scale`, as the held object is in the way"
 FILTER_ITSELF = "where these are points of the robot or of the object, leave them out: `own points`"
-_NAMED_PAIRS = 3
-"""Pairs of links that are named at most."""
 
 _Thing = tuple[str, int, pin.SE3]
 """A name, the number of a shape, and its place."""
@@ -271,7 +275,7 @@ class StartState:
             links = sorted_pair(names[a], names[b])
             if links not in met:
                 met[links] = self._overlap_words(a, b)
-                if len(met) == _NAMED_PAIRS:
+                if len(met) == NAMED_THINGS:
                     break
         if not met:
             return None

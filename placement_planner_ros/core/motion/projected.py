@@ -15,9 +15,8 @@ import numpy as np
 from placement_planner_ros.core.types import Array
 
 _SHORTEST_SHARE = 0.01
-"""Share of the longest step below which no shorter one is tried."""
-_PROGRESS_SHARE = 0.05
-"""Share of a step's length that it must come nearer to its target."""
+"""Share of the longest step below which no shorter one is tried, nor one that comes nearer to its
+target by less."""
 
 
 class Constraint(Protocol):
@@ -63,7 +62,8 @@ class ProjectedSteps:
         distance = _norm_of(difference)
         # Start from the length that worked last, doubled.
         length = min(2.0 * self._length, self._longest)
-        while length >= _SHORTEST_SHARE * self._longest:
+        shortest = _SHORTEST_SHARE * self._longest
+        while length >= shortest:
             # The target is within reach: it is the step, if the edge keeps the constraint.
             if distance <= length:
                 if self.constraint.keeps(q, target):
@@ -74,7 +74,7 @@ class ProjectedSteps:
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
-                    and _norm_of(target - near) <= distance - _PROGRESS_SHARE * length
+                    and _norm_of(target - near) <= distance - shortest
                     and self.constraint.keeps(q, near)
                 ):
                     self._length = length

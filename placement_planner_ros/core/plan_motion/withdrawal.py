@@ -20,8 +20,6 @@ _DRAWN_OUT_M = 0.3
 one direction."""
 _TRIED_DIRECTIONS = 40
 """Directions that a winding way tries at most."""
-_TURN_DEVIATION_RAD = 0.25
-"""rad, the standard deviation of each coordinate of the largest turn between waypoints."""
 
 
 def straight_way(holding: Holding, q: Array) -> Array:
@@ -72,6 +70,9 @@ def winding_way(
     inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
     best = len(nodes) - 1
     run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
+    # A turn by which what is furthest from the object's origin moves as far as between waypoints.
+    furthest = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
+    most_turned = _WAYPOINT_STEP_M / furthest
     out = begun = _distance_from_goal(holding, nodes[best], goal)
     for _ in range(_TRIED_DIRECTIONS):
         if out >= _DRAWN_OUT_M or should_stop():
@@ -84,7 +85,7 @@ def winding_way(
         direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
         turn = np.eye(3)
         if rng.random() < 0.5:
-            vector = size * _TURN_DEVIATION_RAD * rng.standard_normal(3)
+            vector = size * most_turned * rng.standard_normal(3)
             if holding.upright is not None:
                 vector[:2] = 0.0  # about the vertical, which tilts nothing
             turn = pin.exp3(vector)

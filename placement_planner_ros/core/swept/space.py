@@ -33,8 +33,7 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, kernel_input
 
 CHORD_MOTION_M = 0.02
 """m, how far a point of a body moves at most along a chord, unless between two samples; and the
-edge of the grid's cubes, unless there were too many of them."""
-_MOST_CUBES = 1_000_000
+edge of the grid's cubes."""
 _CLUSTER_CELLS = 1.5
 """Cells of the obstacle set by which points that lie together differ at most along an axis."""
 _KNOWN_SURFACE_NOISES = 5.0
@@ -198,10 +197,10 @@ class SweptSpace:
             for ball, centers, _ in _moving_balls(stretch.arm.arrays, chords.frames):
                 lower = np.minimum(lower, centers.min(axis=0) - ball - beyond)
                 upper = np.maximum(upper, centers.max(axis=0) + ball + beyond)
-        sides = np.maximum(upper - lower, 1e-3)
-        size = max(CHORD_MOTION_M, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
-        shape = tuple((np.floor(sides / size) + 1.0).astype(int).tolist())
-        cubes = SweptCubes(lower, size, np.zeros(shape, dtype=np.bool_))
+        shape = tuple(
+            (np.floor(np.maximum(upper - lower, 0.0) / CHORD_MOTION_M) + 1.0).astype(int).tolist()
+        )
+        cubes = SweptCubes(lower, CHORD_MOTION_M, np.zeros(shape, dtype=np.bool_))
         # Mark the cubes of each stretch.
         for stretch, chords, beyond in zip(self._stretches, self._chords, reach, strict=True):
             mark_cubes(stretch.arm.arrays, chords.frames, beyond, cubes)
