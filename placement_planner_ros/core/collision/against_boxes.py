@@ -242,7 +242,7 @@ def leaf_keeps_boxes(
     return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def bodies_keep_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, kept: KeptMargins
 ) -> bool:

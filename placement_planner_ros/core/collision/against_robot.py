@@ -152,7 +152,7 @@ def tabled_apart(arm: ArmArrays, pair: int, q: Array, delta: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _pair_keeps(
     arm: ArmArrays, scratch: ArmScratch, pair: int, margin: float, motion: float
 ) -> float:
@@ -223,7 +223,7 @@ def _pair_keeps(
     return motion
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def pairs_keep(arm: ArmArrays, scratch: ArmScratch, count: int, margin: float) -> bool:
     """Whether pairs of bodies, those among the first `count` items asked for, certainly keep the
     margin.

@@ -50,7 +50,7 @@ class JointEdge(NamedTuple):
     """(n,) how far joints may stray from it."""
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array) -> None:
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
     frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic

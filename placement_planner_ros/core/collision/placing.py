@@ -20,7 +20,7 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_spheres(arm: ArmArrays, scratch: ArmScratch, count: int) -> None:
     """Bounding spheres of the first bodies, so many, and of their sets."""
     frames, bodies = scratch.frames, arm.bodies
