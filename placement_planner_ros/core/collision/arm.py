@@ -88,7 +88,7 @@ class CollisionSettings(Settings):
     self_reserve: float = setting(0.0002, "[0, 0.1]", "m")
     edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
     self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
-    cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
+    cover_excess: float = setting(0.02, "[0.001, 0.1]", "m")
 
     @property
     def clear(self) -> float:
