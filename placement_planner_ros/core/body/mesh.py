@@ -88,8 +88,8 @@ def checked_center(center_of_mass: npt.ArrayLike, scale: float) -> Array:
     """
     try:
         center = np.array(center_of_mass, dtype=np.float64) * scale
-    except (TypeError, ValueError) as error:
-        raise ObjectError("`center_of_mass`", center_of_mass, "give three numbers") from error
+    except (TypeError, ValueError):
+        center = np.empty(0)
     if center.shape != (3,) or not np.isfinite(center).all():
-        raise ObjectError("`center_of_mass`", center.tolist(), "give three finite numbers")
+        raise ObjectError("`center_of_mass`", center_of_mass, "give three finite numbers")
     return center

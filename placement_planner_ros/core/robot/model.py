@@ -52,10 +52,10 @@ class Robot(JointSpace):
     geometry_links: tuple[str, ...]
     meshes: tuple[CoveredMesh | None, ...]
     assumed: Mapping[str, tuple[str, ...]]
-    allowed_pairs: frozenset[pairs.Pair]
-    left_out: Mapping[pairs.Pair, pairs.Reason] | None
-    passive: frozenset[str]
-    warnings: tuple[str, ...]
+    allowed_pairs: frozenset[pairs.Pair] = frozenset()
+    left_out: Mapping[pairs.Pair, pairs.Reason] | None = None
+    passive: frozenset[str] = frozenset()
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def from_urdf(
@@ -106,10 +106,6 @@ class Robot(JointSpace):
             mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
             continuous=frozenset(joint.name for joint in joints if joint.continuous),
             prismatic=frozenset(joint.name for joint in joints if joint.prismatic),
-            allowed_pairs=frozenset(),
-            left_out=None,
-            passive=frozenset(),
-            warnings=(),
         )
         # Pairs to leave out: of the SRDF, or derived; what is left is checked.
         left_out: dict[pairs.Pair, pairs.Reason] | None = None
