@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from placement_planner_ros.core import stopping
 from placement_planner_ros.core.scene.cloud import STEP_M
 from placement_planner_ros.core.types import Array
 
@@ -68,6 +69,7 @@ class _Surfaces:
 
     @classmethod
     def of(cls, points: Array) -> _Surfaces:
+        stopping.step("finding the heights that each cloud shows")
         columns = np.floor(points[:, :2] / COLUMN_M).astype(np.int64)
         rows = np.lexsort([points[:, 2], columns[:, 1], columns[:, 0]])
         columns, z = columns[rows], points[rows, 2]
@@ -110,6 +112,7 @@ def disagreements(
         first, second = surfaces[i], surfaces[j]
         if first is None or second is None:
             continue
+        stopping.step(f"comparing the clouds on {names[i]} and {names[j]}")
         a, b = _matched_surfaces(first, second)
         if not len(a):
             continue

@@ -286,10 +286,11 @@ class Environment:
         cloud = crop_cloud(points, bounds, (volume.lower, volume.upper), grid.cell_size)
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.of_cloud(cloud.points, grid, *cloud.held, noise)
-        step("finding placement regions")
+        step("finding planes")
         around = volume.lower - CAP, volume.upper + CAP
         seen = tuple(view.towards(*around, grid.cell_size) for view in sights)
         planes = Planes.of(measured, volume, regions)
+        step("finding level placement regions")
         found, support = find_regions(measured, volume, regions, planes, LEVEL, seen)
         inclines = []
         beyond = CAP if beyond_volume else 0.0

@@ -16,6 +16,7 @@ from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.near_points import NearPoints
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
@@ -158,6 +159,7 @@ class Surroundings:
 def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints]:
     """Which of the points (n, 3) of clouds are not near the robot, one cloud after the other; of
     the others, what may be something else. Each cloud is laid on the robot that it shows."""
+    step("telling the robot from what is beside it")
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
@@ -175,6 +177,7 @@ def _real_points(part: PointSet, size: float) -> Array:
     real = part.points
     if part.placed:
         return real
+    step("thinning the clouds")
     # without a sensor's place nobody can tell flying pixels
     if part.origin is not None:
         real = real[~flying_pixels(real, part.origin)]
