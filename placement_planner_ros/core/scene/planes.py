@@ -136,6 +136,9 @@ class Planes:
                 slopes.append(plane.slope)
                 owner_of[k] = len(slopes)
         owner, tops = owner_of[label], {}
+        # what is higher than it is wide, however it slopes, is no surface, but the end of a wall
+        x, y, z = (obstacles.upper - obstacles.lower).T
+        flat = z <= np.minimum(x, y) + _STEEPEST * np.maximum(x, y) + skin + 0.5 * obstacles.noise
         for number, slope in enumerate((LEVEL, *slopes)):
             owned = (owner == number) | ((slope == LEVEL) & (owner == UNOWNED))
             along = means.copy()
@@ -147,7 +150,7 @@ class Planes:
                 settings.height_tolerance,
                 SKIN_M + obstacles.noise,
             )
-            tops[slope] = along[beside >= 2]  # a ledge goes on at both ends
+            tops[slope] = along[(beside >= 2) & flat]  # a ledge goes on at both ends
         return cls(tuple(slopes), tuple(steep), tops)
 
 
