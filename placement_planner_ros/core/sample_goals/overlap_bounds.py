@@ -73,6 +73,9 @@ def _mark_overlaps(
     """
     for n in range(len(T)):
         for b in range(len(balls)):
+            # it and all smaller ones move further than they reach
+            if moves[n, 6] >= balls[b, 3]:
+                break
             # the ball's centre, and where that is from the pivot
             u, v, w = balls[b, 0], balls[b, 1], balls[b, 2]
             x = T[n, 0, 0] * u + T[n, 0, 1] * v + T[n, 0, 2] * w + T[n, 0, 3]
