@@ -314,6 +314,7 @@ class PlacementPlanner:
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.ascent
         )
+        self._unoptimized: tuple[Goal, Array] | None = None  # the first placement, and the path
         self._trajectories = TrajectoryMaker(
             settings.timing, settings.carry.max_acceleration, rng_paths
         )
@@ -366,14 +367,16 @@ class PlacementPlanner:
             if best > -np.inf:
                 self._narrow(best)
             # Without a goal sample on, unless it is proven that there is none.
-            if self.motion.goals == 0:
-                if best == -np.inf and self._remainder.empty():
-                    self.cause = self._remainder.cause
-                    self.exhausted = self.explain().short
-                continue
-            # Some more iterations of planning to the goals.
-            found = self.motion.plan(self._settings.motion_iterations, should_stop)
-            self.statistics.motion_iterations = self.motion.iterations
+            if self.motion.goals == 0 and best == -np.inf and self._remainder.empty():
+                self.cause = self._remainder.cause
+                self.exhausted = self.explain().short
+            # Some more iterations of planning to the goals; where none is reached, what was
+            # placed first is optimised.
+            found = None
+            if self.motion.goals > 0:
+                found = self.motion.plan(self._settings.motion_iterations, should_stop)
+                self.statistics.motion_iterations = self.motion.iterations
+            found = found or self._unoptimized
             if found is None:
                 continue
             # Optimise, time and publish; goals that are no better now are dropped.
@@ -420,21 +423,22 @@ class PlacementPlanner:
         started: float,
         should_stop: Callable[[], bool],
     ) -> Iterator[Placement]:
-        """What a path to a goal gives: the locally optimised placement.
+        """What a path to a goal gives: the locally optimised placement, or the one that was reached
+        where that cannot be timed.
 
-        Where nothing was found before, the placement as it was reached comes first, at once; else
-        it comes where the optimised one cannot be timed.
+        Where nothing was found before it is the one that was reached, at once, which is optimised
+        once no better goal is reached at once.
         """
         self.motion.retire(goal)
         holding = self.holdings[goal.arm, goal.grasp]
-        optimize = self._settings.local_optimization
-        # The first placement is published as it was reached.
-        first = best == -np.inf
-        reached = self._timed(path, goal, holding, started, should_stop) if first else None
-        if reached is not None:
-            yield reached
-        # Then the one that is optimised, where it can be timed.
-        if optimize and not should_stop():
+        self._unoptimized = None
+        if best == -np.inf:
+            first = self._timed(path, goal, holding, started, should_stop)
+            if first is not None:
+                self._unoptimized = goal, path
+                yield first
+                return
+        if self._settings.local_optimization and not should_stop():
             refined = self._optimizer.optimize(goal, holding, should_stop)
             if refined.goal is not goal:
                 further = np.vstack([path, refined.slide[1:]])
@@ -442,8 +446,7 @@ class PlacementPlanner:
                 if better is not None:
                     yield better
                     return
-        # Else the one that was reached.
-        if not first:
+        if -np.inf < best < goal.objective:
             reached = self._timed(path, goal, holding, started, should_stop)
             if reached is not None:
                 yield reached
