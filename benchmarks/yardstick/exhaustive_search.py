@@ -27,7 +27,7 @@ from placement_planner_ros.core.objective.objective import Objective, evaluate_b
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount
+from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount, as_drawn
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 _STEEPEST = 1.1
@@ -182,8 +182,8 @@ class RefinedGrid:
         goals: list[Goal] = []
         for arm, grasp in self._grasps:
             one = replace(draws, arm=np.array([arm]), grasp=np.array([grasp]))
-            outcome = self._checker.check_batch(one, best, 1, lambda: False)
-            goals += [] if outcome is None else outcome.goals
+            outcome = self._checker.check_batch(one, best, 1, lambda: False, as_drawn)
+            goals += outcome.goals
         if goals:
             self._tried[key] = _TRIES_PER_PLACE
         else:

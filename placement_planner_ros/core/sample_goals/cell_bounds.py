@@ -102,13 +102,9 @@ class BranchBounds:
     def _overlap(self) -> OverlapBound:
         return OverlapBound(self._poses)
 
-    def placed(self, cells: Cells) -> PlacedCells:
-        """Where cells (n,) put the body."""
-        return PlacedCells(self._sets, cells)
-
     def ranges(self, cells: Cells) -> PoseRanges:
         """The poses of cells (n,) of features that are turned about a normal."""
-        return self.placed(cells).ranges(self._T_face_object)
+        return PlacedCells(self._sets, cells).ranges(self._T_face_object)
 
     def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n,) cells."""
@@ -121,7 +117,7 @@ class BranchBounds:
             result[turned] = self._rulings_of_faces(cells[turned])
         # Of the others, what the contacts exclude and what is out of reach.
         others = np.flatnonzero(~turned)
-        placed = self.placed(cells[others])
+        placed = PlacedCells(self._sets, cells[others])
         low, high = cells["low"][others], cells["high"][others]
         excluded = self._poses.contacts.excluded(placed.face, placed.height, low, high)
         result[others[excluded]] = Ruling.UNSUPPORTED
@@ -129,7 +125,7 @@ class BranchBounds:
         return result
 
     def _rulings_of_faces(self, cells: Cells) -> npt.NDArray[np.int64]:
-        placed = self.placed(cells)
+        placed = PlacedCells(self._sets, cells)
         ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         # Where several hold, the last one written is told.

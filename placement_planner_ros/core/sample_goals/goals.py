@@ -19,7 +19,7 @@ from placement_planner_ros.core.objective.objective import (
     evaluate_objective,
     values_above,
 )
-from placement_planner_ros.core.search.sampler import Draws, Outcome
+from placement_planner_ros.core.search.sampler import Draws, Outcome, TryOrder, as_drawn
 from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
 _TRIED_CONFIGURATIONS = 2
@@ -72,8 +72,13 @@ class GoalFinder:
         self._rng = rng
 
     def check_batch(
-        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome | None:
+        self,
+        draws: Draws,
+        best: float,
+        goals: int,
+        should_stop: Callable[[], bool],
+        order: TryOrder = as_drawn,
+    ) -> Outcome:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
         # Cheap constraints of all draws at once.
         lacking = np.zeros(len(draws.face))
@@ -86,11 +91,12 @@ class GoalFinder:
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
-        # Those that would be better are to be reached, as drawn: the best are the hardest to reach.
+        # Those that would be better are to be reached.
         found: list[Goal] = []
-        for row in free[values[free] > best].tolist():
+        outcome = Outcome(verdicts, values, found)
+        for row in order(free[values[free] > best], outcome, best):
             if should_stop():
-                return None
+                break
             wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))
             reached = self._reach_any(draws, row, wanted, best, should_stop)
             if isinstance(reached, Verdict):
@@ -103,7 +109,7 @@ class GoalFinder:
             found.append(reached)
             if len(found) == goals:
                 break
-        return Outcome(verdicts, values, found)
+        return outcome
 
     def _values(self, T: Array, best: float) -> Array:
         """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`."""

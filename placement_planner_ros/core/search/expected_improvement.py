@@ -15,13 +15,14 @@ from placement_planner_ros.core.search.cell_layout import CELL, Cells
 from placement_planner_ros.core.search.sampler import Index
 from placement_planner_ros.core.types import Array, Verdict
 
-NOT_FREE, COLLIDING, LACKING, VALUED = KIND_NUMBERS = range(4)
+NOT_FREE, COLLIDING, LACKING, VALUED, UNREACHED, REACHED = KIND_NUMBERS = range(6)
 """What the sample of a cell was: outside or unsupported; in collision; against a rule; free, so
-that its ξ is known."""
-KINDS = np.full(len(Verdict), VALUED)
+that its ξ is known; such a one that was better, but not reached; and a goal."""
+KINDS = np.full(len(Verdict), UNREACHED)
 """By verdict."""
 KINDS[: Verdict.COLLIDING] = NOT_FREE
 KINDS[Verdict.COLLIDING], KINDS[Verdict.BREAKS_RULE] = COLLIDING, LACKING
+KINDS[Verdict.NOT_BETTER], KINDS[Verdict.FEASIBLE] = VALUED, REACHED
 
 GRADED_CELL = np.dtype(
     [
@@ -42,6 +43,8 @@ _TRIES = 2.0
 """Tries, or samples, that what was to be expected before counts as."""
 _TRY_SAMPLES = 10.0
 """Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
+_PLACEMENT_SAMPLES = 2000
+"""Samples whose checks take as long as what follows a goal: motion, OptimizeLocally, timing."""
 _DEEPEST = 30
 """Depth of the smallest cells that are told apart by their depth: a billionth of a region."""
 
@@ -57,14 +60,14 @@ class ImprovementModel:
         shape = _DEEPEST + 1, len(KIND_NUMBERS)
         # Per depth and kind of the cell above: samples, and how many of them were free.
         self._drawn, self._free = np.full(shape, 2.0), np.ones(shape)
-        # Per depth and kind of the cell above: what its parts promised to add to ξ_best, and did.
-        self._promised, self._kept = np.zeros((2, *shape))
         # Per depth: how many values are known whose cell above has one, their squared distances
         # from it, and what is typical of these; at depth 0 of all values, from their mean.
         self._values, self._squares = np.zeros((2, _DEEPEST + 1))
         self._spread = 0.5 ** np.arange(_DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
+        # Per kind of the cell above: tries that were expected to succeed, and how many did.
+        self._hoped, self._reached = np.ones((2, len(KIND_NUMBERS)))
         self._nodes = np.full(faces, np.array((-1, _TRIES, 0.5 * _TRIES), dtype=_NODE))
 
     @property
@@ -76,47 +79,38 @@ class ImprovementModel:
         """The numbers of new nodes below these, of which the same is expected."""
         new = np.zeros(len(above), dtype=_NODE)
         new["above"], new["tries"] = above, _TRIES
-        new["reached"] = _TRIES * self.chances(above)
+        new["reached"] = _TRIES * self._nodes["reached"][above] / self._nodes["tries"][above]
         self._nodes = np.concatenate([self._nodes, new])
         return np.arange(len(self._nodes) - len(new), len(self._nodes))
 
-    def chances(self, nodes: Index) -> Array:
-        """(n,) the share of tries in each node that reach their pose."""
-        known = self._nodes[nodes]
-        return np.asarray(known["reached"] / known["tries"])
+    def chances(self, cells: Cells) -> Array:
+        """(n,) the share of tries that reach their pose, in parts of cells (n,)."""
+        node, share = self._nodes[cells["node"]], self._reached / self._hoped
+        return np.minimum(share[cells["kind"]] * node["reached"] / node["tries"], 1.0)
 
-    def count_tries(self, nodes: Index, reached: Index) -> None:
-        """Count tries (n,) in nodes, and in those above: many in one part say little of the others,
-        so there they count ever less."""
-        weights = np.ones(len(nodes))
-        while len(nodes):
-            np.add.at(self._nodes["tries"], nodes, weights)
-            np.add.at(self._nodes["reached"], nodes, weights * reached)
-            # One level up.
-            known = self._nodes[nodes]
-            below = known["above"] >= 0
-            weights = (weights * _TRIES / known["tries"])[below]
-            nodes, reached = known["above"][below], reached[below]
-
-    def lose(self, number: int) -> None:
-        """A goal there was not reached by any motion: it counts as a try that failed."""
+    def count_try(self, cell: np.void, tried: float, reached: float) -> None:
+        """Count a try in a part of a cell of which is known what `cell` says: by its kind, and in
+        its node and those above. Many in one node say little of the others, so above they count
+        ever less."""
+        number, weight = int(cell["node"]), 1.0
         node = self._nodes[number]
-        node["reached"] = max(node["reached"] - 1.0, 0.0)
+        self._hoped[cell["kind"]] += tried * node["reached"] / node["tries"]
+        self._reached[cell["kind"]] += reached
+        while number >= 0:
+            node = self._nodes[number]
+            node["tries"] += weight * tried
+            node["reached"] += weight * reached
+            # One level up.
+            weight *= _TRIES / node["tries"]
+            number = int(node["above"])
 
-    def learn(self, cells: Cells, verdicts: Index, values: Array, best: float) -> None:
-        """Learn from the samples of cells (n,), and write into these what is known after them.
-
-        Args:
-            best: as in `promise`.
-        """
+    def learn(self, cells: Cells, verdicts: Index, values: Array) -> None:
+        """Learn from the samples of cells (n,), and write into these what is known after them."""
         kinds = KINDS[verdicts]
         depths = np.minimum(cells["depth"], _DEEPEST)
         of = depths, cells["kind"]
-        valued = kinds == VALUED
-        # What was promised, what came of it, and how many were free.
-        np.add.at(self._promised, of, self._gain(cells, depths, best)[0])
-        gained = np.where(valued, np.maximum(values - self._reference(best), 0.0), 0.0)
-        np.add.at(self._kept, of, gained)
+        valued = kinds >= VALUED
+        # How many were free.
         np.add.at(self._drawn, of, 1.0)
         np.add.at(self._free, of, valued)
         # How far a value is from that of the cell above; a coarse cell's, from the mean.
@@ -127,8 +121,6 @@ class ImprovementModel:
         off = values[known] - np.where(whole[known], self.mean, cells["value"][known])
         np.add.at(self._squares, depths[known], off * off)
         self._spread_values()
-        tried = verdicts > Verdict.NOT_BETTER
-        self.count_tries(cells["node"][tried], verdicts[tried] == Verdict.FEASIBLE)
         # What is known of the cells now.
         cells["kind"] = kinds
         cells["value"][valued], cells["scale"][valued] = values[valued], depths[valued]
@@ -141,22 +133,20 @@ class ImprovementModel:
         the tries that it leads to take.
 
         Args:
-            best: ξ_best, or that of a goal which waits for its motion; -inf where nothing was
-                found, so that any value above the mean adds to it.
+            best: ξ_best; -inf where nothing was found, so that any value above the mean adds to it.
         """
         depths = np.minimum(cells["depth"] + 1, _DEEPEST)
         gain, tried = self._gain(cells, depths, best)
-        # What such cells promised so far, and what they gave.
-        of = depths, cells["kind"]
-        promised, kept = self._promised[of], self._kept[of]
-        doubt = _TRIES * promised / self._drawn[of]
-        gain *= np.divide(
-            kept + doubt, promised + doubt, out=np.ones(len(cells)), where=promised > 0.0
-        )
         # What breaks a rule by less is nearer to what breaks none.
         if self._lack > 0.0:
             gain *= np.exp(-cells["lack"] * (self._lacks / self._lack))
-        return np.asarray(gain * self.chances(cells["node"]) / (1.0 + _TRY_SAMPLES * tried))
+        return np.asarray(gain * self.chances(cells) / (1.0 + _TRY_SAMPLES * tried))
+
+    def promise_of_tries(self, cells: Cells, values: Array, best: float) -> Array:
+        """(n,) what a try to reach a pose with that ξ in each cell, before its sample, is expected
+        to add to ξ_best, for what it takes; inf where nothing was found."""
+        chances = self.chances(cells)
+        return (values - best) * chances / (_TRY_SAMPLES + _PLACEMENT_SAMPLES * chances)
 
     def _gain(self, cells: Cells, depths: Index, best: float) -> tuple[Array, Array]:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of
@@ -172,11 +162,6 @@ class ImprovementModel:
 
     def _reference(self, best: float) -> float:
         return best if best > -np.inf else self.mean
-
-    def forget(self) -> None:
-        """What was promised and kept counts for half from now on."""
-        self._promised *= 0.5
-        self._kept *= 0.5
 
     def _spread_values(self) -> None:
         """Typical distance of ξ of a part from that of the cell above, of each depth; where none is

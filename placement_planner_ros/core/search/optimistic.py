@@ -4,11 +4,12 @@ A cell is a face, a box of contact points on one region and an interval of θ. U
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
 is split once only, but its parts stay: nothing that is free and better is put aside for good, and
-what the arms fail to reach promises less with each try.
+what the arms fail to reach promises less with each try. Poses are reached for in the same order.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +40,6 @@ from placement_planner_ros.core.search.sampler import (
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Verdict
-
-_PATIENCE = 2000
-"""Samples over which a goal may wait for its motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +93,19 @@ class OptimisticSampler(BatchSampler):
         self._worth = np.full(MAX_CELLS, -1.0)
         self._room = np.arange(MAX_CELLS)  # rows for new ones
         self._split = np.zeros(len(self._sets) * self._steps.prod() + 1, np.bool_)
-        # goals that wait for their motion: ξ, and at how many samples they were found in which node
-        self._waiting: list[tuple[float, int, int]] = []
+        self._nodes = np.full(len(self._split), -1)  # of the coarse cells, once they are graded
+        # goals that wait for their motion: ξ, and the cell that they were found in
+        self._waiting: list[tuple[float, np.void]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first."""
+        # Goals count as reached once they, or something as good, were placed.
+        for _, cell in (each for each in self._waiting if each[0] <= best):
+            self._model.count_try(cell, 0.0, 1.0)
+        self._waiting = [each for each in self._waiting if each[0] > best]
         share = self._settings.uniform_share
         left = self._settings.uniform_first - self.count.samples
         parts = np.empty(0, dtype=GRADED_CELL) if left > 0 else self._open_parts(best)
@@ -117,16 +120,30 @@ class OptimisticSampler(BatchSampler):
         self._drawn = np.concatenate([parts, coarse])
         return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
 
+    def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
+        """What promises most for its cost first; as drawn until something is found, and while goals
+        wait for their motion: then whatever is easier to reach is welcome."""
+        cells, first = self._drawn, 0
+        while len(rows):
+            if not self._waiting:
+                promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
+                first = int(promise.argmax())
+            row, rows = int(rows[first]), np.delete(rows, first)
+            yield row
+            # A try that failed makes others nearby promise less.
+            if Verdict.NOT_BETTER < outcome.verdicts[row] < Verdict.FEASIBLE:
+                self._model.count_try(cells[row], 1.0, 0.0)
+
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was."""
         cells, verdicts = self._drawn, outcome.verdicts
-        self._model.learn(cells, verdicts, outcome.values, max(best, self._ranked_for))
+        for row in np.flatnonzero(verdicts == Verdict.FEASIBLE).tolist():
+            self._model.count_try(cells[row], 1.0, 0.0)
+            self._waiting.append((float(outcome.values[row]), cells[row].copy()))
+        self._model.learn(cells, verdicts, outcome.values)
         # A cell too small to be split is split nevertheless if what is better there is not reached.
         missed = (verdicts > Verdict.NOT_BETTER) & (verdicts < Verdict.FEASIBLE)
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
-        for row in np.flatnonzero(verdicts == Verdict.FEASIBLE).tolist():
-            node = int(cells["node"][row])
-            self._waiting.append((float(outcome.values[row]), self.count.samples, node))
 
     def _graded(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
@@ -141,7 +158,12 @@ class OptimisticSampler(BatchSampler):
         cells["coarse"] = np.ravel_multi_index(
             (sets, *place.T), (max(len(self._sets), 1), *self._steps)
         )
-        cells["node"], cells["kind"] = self._sets.face[sets], NOT_FREE
+        # Tries in a coarse cell are counted there, and to its face.
+        graded, first = np.unique(cells["coarse"], return_index=True)
+        new = self._nodes[graded] < 0
+        self._nodes[graded[new]] = self._model.add_nodes(self._sets.face[sets[first[new]]])
+        cells["node"] = self._nodes[cells["coarse"]]
+        cells["kind"] = NOT_FREE
         cells["value"], cells["scale"] = self._model.mean, -1
         return cells, poses
 
@@ -163,12 +185,8 @@ class OptimisticSampler(BatchSampler):
 
     def _take(self, best: float) -> Cells:
         """Remove the most promising cells (n,) from those that are filed; each is a node now."""
-        best = self._aim(best)
-        # Rank anew where the aim has changed, or the samples have doubled.
-        doubled = self.count.samples > 2 * self._ranked_at
-        if doubled:
-            self._model.forget()
-        if doubled or best != self._ranked_for:
+        # Rank anew where something was placed, or the samples have doubled.
+        if self.count.samples > 2 * self._ranked_at or best != self._ranked_for:
             self._ranked_for, self._ranked_at = best, self.count.samples
             self._rank(np.flatnonzero(self._worth >= 0.0))
         # The most promising, by what is known of them now.
@@ -201,14 +219,3 @@ class OptimisticSampler(BatchSampler):
     def _rank(self, rows: Index) -> None:
         """Note what these of the cells promise now."""
         self._worth[rows] = self._model.promise(self._filed[rows], self._ranked_for)
-
-    def _aim(self, best: float) -> float:
-        """ξ that is to be improved on: ξ_best, or that of the best goal which waits for its motion;
-        one that waited in vain is given up."""
-        latest = self.count.samples - _PATIENCE
-        # Goals that waited for too long count as tries that failed.
-        for value, found_at, node in self._waiting:
-            if value > best and found_at < latest:
-                self._model.lose(node)
-        self._waiting = [each for each in self._waiting if each[0] > best and each[1] >= latest]
-        return max([best, *(value for value, _, _ in self._waiting)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -53,8 +53,7 @@ class Outcome:
     """What became of a batch of draws.
 
     Attributes:
-        verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach once there
-            were enough goals.
+        verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach.
         values: (n,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
         goals: those found, in the order of the tries.
@@ -65,15 +64,29 @@ class Outcome:
     goals: list[Goal]
 
 
+TryOrder = Callable[[Index, Outcome, float], Iterator[int]]
+"""Of the rows (n,) that are better than `best`, the next to be reached for; what became of it is in
+the outcome when the one after it is asked for."""
+
+
+def as_drawn(rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
+    """In the order of the draws."""
+    yield from rows.tolist()
+
+
 class GoalChecker(Protocol):
     """Checks samples against every constraint of the problem."""
 
     def check_batch(
-        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
-    ) -> Outcome | None:
+        self,
+        draws: Draws,
+        best: float,
+        goals: int,
+        should_stop: Callable[[], bool],
+        order: TryOrder,
+    ) -> Outcome:
         """Each up to the first check that fails, cheap checks first, and then those that are better
-        than `best` one after the other until there are so many goals; None where it was told to
-        stop before."""
+        than `best` one after the other until there are so many goals, or it is told to stop."""
         ...
 
 
@@ -140,9 +153,9 @@ class BatchSampler(ABC):
         while tried < self._budget.samples_per_call and len(goals) < wanted and not should_stop():
             # A batch: draw, check, learn.
             draws = self._draw(best)
-            outcome = self._checker.check_batch(draws, best, wanted - len(goals), should_stop)
-            if outcome is None:
-                break
+            outcome = self._checker.check_batch(
+                draws, best, wanted - len(goals), should_stop, self._order
+            )
             self._learn(outcome, best)
             self.count.add(outcome.verdicts)
             tried += len(draws.face)
@@ -152,6 +165,10 @@ class BatchSampler(ABC):
     @abstractmethod
     def _draw(self, best: float) -> Draws:
         """The next poses to check, one at least."""
+
+    def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
+        """`TryOrder` of the poses drawn last."""
+        return as_drawn(rows, outcome, best)
 
     @abstractmethod
     def _learn(self, outcome: Outcome, best: float) -> None:

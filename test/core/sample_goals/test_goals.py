@@ -126,7 +126,9 @@ def test_a_batch_ends_with_the_last_goal_that_is_wanted(made, checked):
         tried = outcome.verdicts > Verdict.NOT_BETTER
         assert tried.sum() < (checked.verdicts > Verdict.NOT_BETTER).sum()
         assert (outcome.values[checked.verdicts < Verdict.NOT_BETTER] == -np.inf).all()
-    assert planner.sampler._checker.check_batch(draws, -np.inf, 1, lambda: True) is None
+    stopped = planner.sampler._checker.check_batch(draws, -np.inf, 1, lambda: True)
+    assert (stopped.verdicts <= Verdict.NOT_BETTER).all()
+    assert not stopped.goals
 
 
 def test_poses_are_reached_for_in_the_order_of_their_draws(made, checked):

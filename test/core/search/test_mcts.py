@@ -55,7 +55,7 @@ class Checker:
     def __init__(self):
         self.asked = []
 
-    def check_batch(self, draws, best, goals, should_stop):
+    def check_batch(self, draws, best, goals, should_stop, order):
         columns = (draws.arm, draws.grasp, draws.face, *draws.contact.T, draws.angle)
         self.asked += zip(*columns, strict=True)
         found = [judge(*one) for one in zip(draws.arm, draws.contact, draws.angle, strict=True)]
