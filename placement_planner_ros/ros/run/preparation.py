@@ -63,9 +63,14 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlann
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Made:
-    """An environment, with the fields that every search needs."""
+    """An environment, with the fields that every search needs.
+
+    Attributes:
+        scene: the same for whatever is held.
+    """
 
     surroundings: Surroundings
+    scene: Environment
     environment: Environment
 
 
@@ -189,13 +194,16 @@ class Preparation:
         before = None if made is None else made.surroundings
         surroundings = Surroundings.of(snapshot, before)
         if made is None or surroundings is not before:
-            environment = surroundings.environment()
+            # another object, or another posture, changes the environment but not the scene
+            same_scene = made is not None and made.surroundings.same_scene(surroundings)
+            scene = made.scene if made is not None and same_scene else surroundings.scene()
             # what the search would do first, and what start asks for
-            _ = environment.clearance
-            _ = environment.has_unseen_ceiling
+            _ = scene.clearance
+            _ = scene.has_unseen_ceiling
+            environment = surroundings.environment(scene)
             step("making boxes of the obstacle set")
             box_arrays(environment.obstacles)
-            self._made = made = _Made(surroundings, environment)
+            self._made = made = _Made(surroundings, scene, environment)
         # the same for every search with this robot and object
         robot, body = wanted = snapshot.robot, snapshot.body
         if self._laid_out != wanted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,11 +32,10 @@ from placement_planner_ros.ros.run.snapshot import Snapshot
 
 Mask = npt.NDArray[np.bool_]
 
+_MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
+"""Parameters on which a scene depends, """
 _MAKE_ENVIRONMENT = (
-    "cloud.cell_size",
-    "max_slope",
-    "target_volume",
-    "clearance.beyond_volume",
+    *_MAKE_SCENE,
     "self_filter.padding",
     "self_filter.padding_of",
     "self_filter.enabled",
@@ -43,7 +43,7 @@ _MAKE_ENVIRONMENT = (
     "contact_tolerance",
     "unknown_space",
 )
-"""Parameters on which an environment depends."""
+"""and on which an environment does."""
 _SPARSE_SHARE = 0.2
 """Share of a surface that is worth a word when it is lost."""
 
@@ -109,8 +109,23 @@ class Surroundings:
             clouds,
         )
 
-    def _scene(self) -> Environment:
-        """The points preprocessed.
+    def same_scene(self, other: Surroundings) -> bool:
+        """Whether both environments are the same but for what robot and object make of them."""
+        mine, its = self.snapshot.parameters, other.snapshot.parameters
+        return (
+            all(mine[name] == its[name] for name in _MAKE_SCENE)
+            and len(self._arrays) == len(other._arrays)
+            and all(map(np.array_equal, self._arrays, other._arrays))
+        )
+
+    @property
+    def _arrays(self) -> list[Any]:
+        """What must be equal, element by element."""
+        sights = [array for view in self.sights for array in (view.origin, view.points, view.hides)]
+        return [*self.bounds, self.points, *sights]
+
+    def scene(self) -> Environment:
+        """The points preprocessed, which is the same for whatever is held.
 
         Raises:
             PlacementPlannerError: they are unusable.
@@ -135,8 +150,11 @@ class Surroundings:
             noise=noise,
         )
 
-    def environment(self) -> Environment:
-        """The points preprocessed, with what is unknown and beside the robot, where that is.
+    def environment(self, scene: Environment | None = None) -> Environment:
+        """The scene with what is unknown and beside the robot, where that is.
+
+        Args:
+            scene: what `scene` says, where it is known already.
 
         Raises:
             PlacementPlannerError: the points are unusable.
@@ -145,7 +163,7 @@ class Surroundings:
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
         around = max(parameters["self_filter.padding"], parameters["collision_margin"])
         # what no sensor saw is occupied, but around robot and object, which would start in it
-        made = self._scene()
+        made = self.scene() if scene is None else scene
         if parameters["unknown_space"] != "free":
             made = made.with_unknown(
                 parameters["unknown_space"] == "occupied_below",
