@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core import stopping
 from placement_planner_ros.core.scene.cloud import AROUND_M, CONTACT_TOLERANCE_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.rasters import (
@@ -115,6 +116,7 @@ class ClearanceField:
         order = np.argsort(-number, kind="stable")
         elements = np.zeros((len(order), 4))
         elements[:, :2] = (runs.at[order] - low) / pixel + before
+        stopping.step("handing distances on")
         values = np.full((len(faces) - 1, *kept, 2), np.float32(CAP))
         shape = before + kept + after
         _fill_slices(

@@ -347,7 +347,9 @@ def find_regions(
     tops = planes.tops[slope]
     size, noise = measured.cell_size, measured.noise
     cloud = SlopeCloud(measured.points, volume, slope, tops, size, noise, sights)
+    step("finding surfaces and their ends")
     support, layers = SupportMap.of_surfaces(
         cloud, measured.cell_size, settings.height_tolerance, CONTACT_TOLERANCE_M
     )
+    step("finding regions of surfaces")
     return regions_of_layers(layers, support.trim, slope, volume, settings), support

@@ -22,7 +22,7 @@ from numba import njit
 
 from placement_planner_ros.core.scene.cloud import SAMPLES, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import BINS
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
 
 Mask = npt.NDArray[np.bool_]
@@ -96,9 +96,9 @@ def flying_among(points: Array, sensor: Array, rows: Rows) -> Mask:
 
 def _flying_of_sample(points: Array, sensor: Array, asked: Mask, sample: Mask) -> Mask:
     """(n,) flying pixels among those asked; none where too many of the sample, asked too, are."""
-    points = np.ascontiguousarray(points, dtype=np.float64)
+    points = kernel_input(points)
     gone = np.zeros(len(points), np.bool_)
-    seen = _seen_pixels(points, np.asarray(sensor, dtype=np.float64))
+    seen = _seen_pixels(points, kernel_input(sensor))
     if seen is None:
         return gone
     # the neighbours of a point lie in so many bins, each of no more points than the fullest

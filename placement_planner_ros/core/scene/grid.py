@@ -26,6 +26,7 @@ from placement_planner_ros.core.scene.cloud import checked_bounds, checked_cloud
 from placement_planner_ros.core.scene.denoising import without_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import (
     LEVEL,
     SINGLE_ROUNDING,
@@ -182,10 +183,12 @@ class ObstacleSet:
 
         bins = sort(cloud)
         if noise is None and len(bins.cells):
+            step("telling noise from surfaces")
             clean, noise = without_noise(
                 bins, origin, size, settings.noise_floor, settings.min_points, (lower, upper)
             )
             bins = bins if clean is None else sort(clean)
+        step("making boxes of cells")
         noise = noise or 0.0
         skin = surface_tolerance(noise)
         boxes = CellBoxes(*boxes_of_cells(bins, skin, settings.max_boxes_per_cell))
