@@ -46,13 +46,13 @@ from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.ros import node as module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.reading import NotReadyError
-from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.run import preparation
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 owner, name = {
-    "reading": (RobotInput, "_read"),
+    "reading": (Robot, "from_urdf"),
     "preparing": (preparation, "make_planner"),
 }[stage]
 act, make = getattr(owner, name), module.PlacementPlannerNode.__init__

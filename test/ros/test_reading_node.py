@@ -203,7 +203,7 @@ def test_the_log_tells_what_is_assumed_of_the_object(bench, capfd):
     assert "object.scale 0.5" in logged[-1]
     assert "centre of mass (0.0000, 0.0000, 0.0000) of uniform density" in logged[-1]
     assert "closed" in logged[-1]
-    assert "6 rests" in logged[-1]
+    assert "rests: 6" in logged[-1]
 
 
 @pytest.mark.parametrize("name", ["cut.stl", "none.stl", "pipe.stl"])

@@ -273,7 +273,7 @@ def test_setting_parameters_is_answered_whatever_happens(bench, monkeypatch):
     results = set_(good, odd)
     assert [r.successful for r in results] == [False, False]
     assert "BAD_PARAMETER" in results[0].reason
-    monkeypatch.setattr(b.node._settings, "_check", raising(ZeroDivisionError("broken")))
+    monkeypatch.setattr(b.node._settings, "check", raising(ZeroDivisionError("broken")))
     results = set_(good)
     assert [r.successful for r in results] == [False]
     assert "INTERNAL" in results[0].reason

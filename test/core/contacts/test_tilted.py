@@ -29,7 +29,7 @@ def found(case, degrees, azimuth):
     """Placements of a search, and what checks them."""
     problem, objective = tilted_problem(case, degrees, azimuth, np.random.default_rng(0))
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-    placements = list(planner.run(lambda: planner.statistics.samples >= 700))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 4000))
     world = replace(SCENE, parts=tilted_solids(SCENE, degrees, azimuth))
     measured = problem.environment.measured
     task = yumi_task(
