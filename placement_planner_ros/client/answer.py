@@ -17,16 +17,12 @@ class Answer:
         code: `OK`, or why not.
         words: the lines after the first, for people.
         run: number of the run that it is about; None where there is none.
-        solution: how many solutions the run has published.
-        objective: of the last of them; None where there is none.
     """
 
     success: bool
     code: str
     words: str = ""
     run: int | None = None
-    solution: int = 0
-    objective: float | None = None
 
     @classmethod
     def of(cls, response: Any) -> Answer:
@@ -45,8 +41,6 @@ class Answer:
             values.get("code", ""),
             words,
             int(values["run"]) if "run" in values else None,
-            int(values.get("solution", 0)),
-            float(values["objective"]) if "objective" in values else None,
         )
 
     @property

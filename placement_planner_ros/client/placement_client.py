@@ -88,8 +88,8 @@ class PlacementClient:
 
         def ready() -> Status | None:
             status = self.status
-            heard = status is not None and status.ready
-            return status if heard and talk.offered("start_with") else None
+            could = status is not None and not status.lacking and talk.offered("start_with")
+            return status if could else None
 
         found = talk.news.wait_until(ready, time.monotonic() + seconds)
         if found is not None:

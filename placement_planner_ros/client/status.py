@@ -10,7 +10,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 ENDED = frozenset({"stopped", "time_limit", "exhausted", "robot_moved", "failed"})
 """States of a run that is over."""
-SEARCHING = "searching"
 STOPPING = "stopping"
 ROBOT_MOVED = "robot_moved"
 
@@ -76,13 +75,9 @@ class Status:
         return self.state in ENDED
 
     @property
-    def ready(self) -> bool:
-        """Whether the node could begin a run at once; what is bad is for `start` to say."""
-        return not self.lacking
-
-    @property
     def lacking(self) -> str:
-        """What the node waits for or works on before it can begin a run, in words."""
+        """What the node waits for or works on before it can begin a run, in words; '' where it
+        could at once. What is bad is for `start` to say."""
         values, lacking = self.values, []
         # where warming up has failed runs begin all the same
         if values.get("warm") not in ("true", "failed"):

@@ -11,13 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client.solution import Solution, solution_of
 from placement_planner_ros.client.status import Status, Validity
 from placement_planner_ros.client.waiting import News
-from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.qos import latched
 
 KEPT = 20
 """Messages of each topic that are kept, the newest ones."""
@@ -29,7 +28,6 @@ _PARTS = {
     "solution": DiagnosticArray,
 }
 """Topics of a solution's parts."""
-_EVERY = QoSProfile(depth=KEPT, reliability=LATCHED.reliability, durability=LATCHED.durability)
 
 
 class Subscriptions:
@@ -54,8 +52,9 @@ class Subscriptions:
             topic: (kind, partial(self._keep, topic)) for topic, kind in _PARTS.items()
         }
         takes["status"] = DiagnosticStatus, self._take_status
+        qos = latched(KEPT)
         self._subscriptions = [
-            node.create_subscription(kind, f"{planner}/{topic}", take, _EVERY, callback_group=group)
+            node.create_subscription(kind, f"{planner}/{topic}", take, qos, callback_group=group)
             for topic, (kind, take) in takes.items()
         ]
 

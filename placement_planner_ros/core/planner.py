@@ -402,8 +402,7 @@ class PlacementPlanner:
         """
         statistics = self.statistics
         if statistics.solutions:
-            words = shares_in_words(statistics.count.verdicts, "samples")
-            self.explanation = Explanation(words)
+            self.explanation = Explanation(shares_in_words(statistics.count.verdicts))
             return self.explanation
         progress = Progress(
             statistics.count,

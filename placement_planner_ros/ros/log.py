@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from math import inf
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -22,12 +21,10 @@ class Log:
 
     Args:
         logger: where lines go.
-        clock: seconds of a steady clock.
     """
 
-    def __init__(self, logger: RcutilsLogger, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
-        self._clock = clock
         self._lock = threading.Lock()
         self._kinds: dict[str, tuple[str, float, float]] = {}
         self._faults: set[object] = set()
@@ -52,7 +49,7 @@ class Log:
             kind: one of few, as something of each is kept.
         """
         with self._lock:
-            now = self._clock()
+            now = time.monotonic()
             # the words of this kind that were said last, when that was, and when any came last
             said, said_at, heard_at = self._kinds.get(kind, ("", -inf, -inf))
             # other words are held back for a period, the same ones until there was a pause

@@ -21,17 +21,6 @@ CONSTRAINTS = {
     "no_retreat": "no way back out",
 }
 """What rejects a sample, by its name in `~/status`."""
-_STATES = {
-    "idle": "waiting for start",
-    "preparing": "preparing",
-    "searching": "searching",
-    "stopping": "stopping",
-    "stopped": "stopped",
-    "time_limit": "its time is over",
-    "exhausted": "nothing is left to try",
-    "robot_moved": "ended: the robot moved",
-    "failed": "failed",
-}
 
 
 def heading_html(record: RunRecord, absent: str) -> str:
@@ -49,13 +38,12 @@ def heading_html(record: RunRecord, absent: str) -> str:
         return _html_block(_bold_text("No run yet.") + " " + escape(status.message), "#666")
     # a run that ended with nothing has its own words
     empty = status.ended and record.best is None
-    state = _STATES.get(status.state, status.state)
     colour = {"searching": "#1668c8", "failed": "#b00020", "robot_moved": "#b00020"}.get(
         status.state, "#444"
     )
     badge = (
         f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px">'
-        f"{escape(state)}</span>"
+        f"{escape(status.state.replace('_', ' '))}</span>"
     )
     yet = "" if status.ended else " yet"
     found = f"{status.solutions} placements found" if status.solutions else f"none found{yet}"

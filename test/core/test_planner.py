@@ -159,6 +159,4 @@ def test_it_stops_between_the_poses_of_a_batch():
     with mock.patch.object(Holding, "configurations", return_value=Verdict.NO_IK) as sought:
         assert planner.sampler.sample_goals(-np.inf, should_stop) == []
     assert 0 < sought.call_count <= 100
-    tries = planner._search.finder.tries.sum()
     assert 0 < planner.statistics.samples < SamplerSettings().samples_per_call
-    assert tries == sought.call_count

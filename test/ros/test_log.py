@@ -11,10 +11,9 @@ from placement_planner_ros.ros.log import Log
 
 
 class Lines:
-    """A logger, and the clock of who uses it."""
+    """A logger that keeps what is said."""
 
     def __init__(self):
-        self.now = 0.0
         self.said = []
 
     def info(self, words):

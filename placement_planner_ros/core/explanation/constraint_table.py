@@ -157,12 +157,12 @@ def remedies_for(search: Search, *verdicts: Verdict) -> tuple[Remedy, ...]:
     return tuple(Remedy(name, words) for name, words in found.items())
 
 
-def shares_in_words(verdicts: Mapping[Verdict, int], noun: str) -> str:
-    """Counts by verdict, the most frequent first."""
+def shares_in_words(verdicts: Mapping[Verdict, int]) -> str:
+    """Counts of samples by verdict, the most frequent first."""
     total = sum(verdicts.values())
     shares = ", ".join(
         f"{verdicts[v] / total:.0%} {TABLE[v].did if v in TABLE else 'were placements'}"
         for v in sorted(verdicts, key=lambda v: -verdicts[v])
         if verdicts[v]
     )
-    return f"of {total:,} {noun} {shares}"
+    return f"of {total:,} samples {shares}"

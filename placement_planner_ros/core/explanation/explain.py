@@ -26,7 +26,6 @@ from placement_planner_ros.core.explanation.surfaces import (
     why_no_region,
 )
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.search.sampler import summed_by_name
 from placement_planner_ros.core.types import Verdict
 
 _FEW_SAMPLES = 500
@@ -46,11 +45,12 @@ _RULED = {  # what was asked for comes first
 def explain_search(search: Search, progress: Progress) -> Explanation:
     """The cause, what to change, and the counts."""
     told, missing = _first_cause(search, progress), search.poses.contacts.missing()
+    count = progress.count
     # regions, samples and what was left out are told whatever the cause is
     numbers = [
         *regions_in_words(search.problem.environment),
         *([] if missing is None else [f"contacts: {missing.words}"]),
-        *_count_words(search, progress),
+        *([shares_in_words(count.verdicts)] if count.samples else []),
         *([f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []),
     ]
     return replace(told, details=(*told.details, *numbers))
@@ -81,7 +81,7 @@ def _first_cause(search: Search, progress: Progress) -> Explanation:
         return _nothing_left(search, progress.rulings)
     if progress.count.samples == 0:
         cause = "no sample was tried: the run ended before the search began"
-        return Explanation(cause, (Remedy("time_limit", "allow more time"),))
+        return Explanation(cause, (Remedy("time_limit", "let it search longer"),))
     return _no_motion(search, progress) if progress.found else _all_refused(search, progress)
 
 
@@ -131,7 +131,7 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
     if progress.unreached:
         cause += f" ({progress.unreached:,} motions failed certification)"
     # what helps an arm that collides helps one that finds no way
-    more_time = Remedy("time_limit", "allow more time")
+    more_time = Remedy("time_limit", "let it search longer")
     return Explanation(cause, (more_time, *remedies_for(search, Verdict.ARM_COLLIDING)))
 
 
@@ -152,23 +152,10 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
     remedies = remedies_for(search, verdict)
     # few samples say little of what a longer search would find
     if count.samples < _FEW_SAMPLES:
-        more_time = f"allow more than it takes for {count.samples:,} samples"
+        more_time = f"let it search longer than {count.samples:,} samples take"
         remedies = (Remedy("time_limit", more_time), *remedies)
     return Explanation(
         f"in {count.samples:,} samples no placement was found: {refused:,} of {entered:,}{before} "
         f"{TABLE[verdict].did}",
         remedies,
     )
-
-
-def _count_words(search: Search, progress: Progress) -> list[str]:
-    """What became of the samples, and of each arm's tries to reach poses."""
-    counts = {"samples": progress.count.verdicts}
-    names = [holding.arm.name for holding in search.finder.holdings]
-    for name, tries in summed_by_name(names, search.finder.tries).items():
-        counts[f"tries of arm {name}"] = dict(zip(Verdict, tries.tolist(), strict=True))
-    return [
-        shares_in_words(verdicts, noun)
-        for noun, verdicts in counts.items()
-        if any(verdicts.values())
-    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
@@ -47,14 +47,6 @@ class Explanation:
     cause: str
     remedies: tuple[Remedy, ...] = ()
     details: tuple[str, ...] = ()
-
-    def cut_short(self, seconds: float) -> Explanation:
-        """The same of a search that was told to stop after so long: a longer limit is no remedy."""
-        remedies = tuple(each for each in self.remedies if each.parameter != "time_limit")
-        if len(remedies) == len(self.remedies):
-            return self
-        cause = f"{self.cause}; it was stopped after {seconds:.1f} s, so let it search longer"
-        return replace(self, cause=cause, remedies=remedies)
 
     @property
     def short(self) -> str:

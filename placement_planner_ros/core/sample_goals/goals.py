@@ -45,8 +45,6 @@ class GoalFinder:
 
     Attributes:
         holdings: all of them, arm after arm.
-        tries: (holdings, |Verdict|) how many tries of each to reach a pose ended with each verdict;
-            FEASIBLE are goals. Poses that no arm was to reach are not in here.
     """
 
     def __init__(
@@ -59,7 +57,6 @@ class GoalFinder:
     ) -> None:
         self._poses = poses
         self.holdings = tuple(holding for of_arm in holdings for holding in of_arm)
-        self.tries = np.zeros((len(self.holdings), len(Verdict)), np.int64)
         ends = np.cumsum([len(of_arm) for of_arm in holdings])
         self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
         self._objective = objective
@@ -144,9 +141,7 @@ class GoalFinder:
         for k in candidates:
             for goal in self._tries(self.holdings[k], wanted, best):
                 if not isinstance(goal, Verdict):
-                    self.tries[k, Verdict.FEASIBLE] += 1
                     return goal
-                self.tries[k, goal] += 1
                 furthest = max(furthest, goal)
             if should_stop():
                 break

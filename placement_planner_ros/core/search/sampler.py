@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -114,14 +114,6 @@ class SampleCount:
     def add(self, verdicts: Index) -> None:
         """Count samples (n,) with these verdicts."""
         self.totals = self.totals + np.bincount(verdicts, minlength=len(Verdict))
-
-
-def summed_by_name(names: Sequence[str], counts: Index) -> dict[str, Index]:
-    """The sum of those rows of counts (n, k) that have the same name."""
-    totals: dict[str, Index] = {}
-    for name, row in zip(names, counts, strict=True):
-        totals[name] = totals.get(name, np.zeros_like(row)) + row
-    return totals
 
 
 class GoalSampler(Protocol):

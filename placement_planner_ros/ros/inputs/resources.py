@@ -23,9 +23,9 @@ from placement_planner_ros.share import PACKAGE, share_path
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 _PIP_SHARE = Path(pin.__file__).parents[4] / "share"
 """Where pip puts what robots' makers and pinocchio share, as PyPI's example-robot-data."""
-_OTHER_MACHINE = (
-    "; where that is a path of another machine, write package://PACKAGE/PATH instead, and add the "
-    "folder that holds PACKAGE to package_paths"
+_PACKAGES = (
+    "; write package://PACKAGE/PATH, and add the folder that holds PACKAGE to package_paths, or "
+    "source its workspace"
 )
 _ELSEWHERE = (
     "is not below package_paths, file_roots or the ament index; only what is given at start-up may "
@@ -85,29 +85,15 @@ class Files:
         for path in may:
             if _exists(path, Path.is_file):
                 return path
-        raise FileNotFoundError(self._why_not(uri, trusted, beside, may))
-
-    def _why_not(self, uri: str, trusted: bool, beside: Path | None, tried: Sequence[Path]) -> str:
-        """Why nothing was found, and what to do; of files that are not open it says nothing."""
-        scheme, found, rest = uri.partition("://")
-        if not found or scheme == "file":
-            if not tried:
-                return _ELSEWHERE
-            words = f"there is no file {' nor '.join(map(str, tried))}"
-            return words + (_OTHER_MACHINE if found else "")
-        package = unquote(rest).partition("/")[0]
-        if scheme != "package" or not _NAME.fullmatch(package):
-            return "is not read; use package://PACKAGE/PATH, file:///PATH or a path"
-        looked_in = dict.fromkeys(self._package_folders(package, beside))
-        folders = [each for each in looked_in if trusted or self._is_open(each)]
-        there = [str(folder) for folder in folders if _exists(folder, Path.is_dir)]
-        if there:
-            return f"package {package} lacks it; looked in {', '.join(there)}"
-        looked = ", ".join(["the ament index", *map(str, folders)])
-        return (
-            f"package {package} is not known; tried {looked}: add the folder that holds {package} "
-            "to package_paths, or source its workspace"
-        )
+        scheme, found, _ = uri.partition("://")
+        if found and scheme not in ("file", "package"):
+            words = "is not read; use package://PACKAGE/PATH, file:///PATH or a path"
+        elif may:
+            words = f"there is no file {' nor '.join(dict.fromkeys(map(str, may)))}"
+            words += _PACKAGES if found else ""
+        else:
+            words = _ELSEWHERE + (_PACKAGES if scheme == "package" else "")
+        raise FileNotFoundError(words)
 
     def _candidates(self, uri: str, trusted: bool, beside: Path | None) -> Iterator[Path]:
         if uri.startswith("package://"):

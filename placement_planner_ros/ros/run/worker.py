@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
+from placement_planner_ros.core.explanation.explanation import SENSOR
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, stoppable
@@ -122,7 +122,6 @@ class Run:
         self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
-        self._searched = 0.0
         self._prepare = prepare
         self._warm = warm
         self._observer = observer
@@ -204,31 +203,23 @@ class Run:
             words += [f"ended because {self.reason}"] if self.reason else []
             words += [self.planner.explanation.cause] if self.planner is not None else []
             return "; ".join(filter(None, words))
-        why = self.reason
-        if not why and self.planner is None:
-            why = _UNPREPARED
-        return f"no solution: {why or self._named(self._explanation.short) or _TOO_LATE}"
+        if self.reason or self.planner is None:
+            return f"no solution: {self.reason or _UNPREPARED}"
+        return f"no solution: {self._named(self.planner.explanation.short) or _TOO_LATE}"
 
     @property
     def why(self) -> str:
         """Why nothing was found, or has been yet, line by line; '' where nothing is to be said."""
         if self.planner is None or self.best is not None:
             return ""
-        return self._named(str(self._explanation))
+        return self._named(str(self.planner.explanation))
 
     @property
     def details(self) -> str:
         """Of these, the numbers that `summary` leaves out."""
         if self.planner is None or self.best is not None:
             return ""
-        return self._named("\n".join(self._explanation.details))
-
-    @property
-    def _explanation(self) -> Explanation:
-        """The planner's, of a run that was ended early as such."""
-        assert self.planner is not None
-        told, early = self.planner.explanation, (State.STOPPED, State.STOPPING, State.ROBOT_MOVED)
-        return told.cut_short(self._searched) if self.state in early else told
+        return self._named("\n".join(self.planner.explanation.details))
 
     def _named(self, words: str) -> str:
         """The words with the names of this node's own sensors."""
@@ -288,13 +279,12 @@ class Run:
             if self._ending is None:
                 self.state = State.SEARCHING
         self._observer.prepared(self, prepared)
-        began, limit = time.monotonic(), self.snapshot.parameters["time_limit"]
+        limit = self.snapshot.parameters["time_limit"]
         if limit > 0.0:
-            self._deadline = began + limit
+            self._deadline = time.monotonic() + limit
         # a stop in the middle of a step raises StoppedError, which here is no failure
         with contextlib.suppress(StoppedError), stoppable(self.should_stop):
             self._take_placements(prepared.planner)
-        self._searched = time.monotonic() - began
         # it ended because it was told to, or because nothing is left
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
         # in this thread, as nobody else may look into the search

@@ -140,7 +140,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         b.wait(lambda: planner.status.lacking == "inputs: no recent joint states", again=b.cloud)
         assert waiting.is_alive()
         b.feed()
-        assert waiting.result.ready
+        assert not waiting.result.lacking
     with PlacementClient(planner="nobody") as planner, pytest.raises(PlacementError) as raised:
         planner.wait_until_ready(0.1)
     assert raised.value.code == "NO_NODE"
