@@ -151,7 +151,7 @@ class Page:
     def _draw_robot_anew(self) -> None:
         robot = self._world.robot
         if self._is_new("robot", Itself(robot)):
-            self._stage.draw_robot(() if robot is None else robot.shapes)
+            self._stage.draw_robot({} if robot is None else robot.shapes)
             self._drawn.pop("posture", None)
 
     def _move(self) -> None:

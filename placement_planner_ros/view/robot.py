@@ -18,7 +18,7 @@ class ShownRobot:
     Attributes:
         root: its root link.
         joints: movable joints that mimic no other.
-        shapes: of the links that can be drawn.
+        shapes: surfaces of the links that can be drawn, by their names.
         lacking: in words, what cannot be drawn.
 
     Args:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,39 +18,27 @@ from placement_planner_ros.core.types import Array
 
 FindFile = Callable[[str], Path]
 """The file that a mesh's URI names. Raises an OSError where there is none."""
+Surface = tuple[Array, npt.NDArray[np.int64]]
+"""Vertices (n, 3), metres, and triangles (t, 3)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkShape:
-    """One link's collision surface.
-
-    Attributes:
-        link: its name.
-        vertices, triangles: (n, 3) metres in the link's frame and (t, 3).
-    """
-
-    link: str
-    vertices: Array
-    triangles: npt.NDArray[np.int64]
-
-
-def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShape], list[str]]:
-    """Each link with collision elements that can be drawn, and in words what cannot."""
-    shapes, lacking = [], []
+def link_shapes(description: Description, find: FindFile) -> tuple[dict[str, Surface], list[str]]:
+    """Of each link with collision elements that can be drawn its surface, by its name and in its
+    frame, and in words what cannot."""
+    shapes: dict[str, Surface] = {}
+    lacking = []
     for link in description.root.findall("link"):
         name, elements = link.get("name", ""), link.findall("collision")
         if not elements:
             continue
         try:
-            shapes.append(LinkShape(name, *_joined_shapes(elements, f"link {name}", find)))
+            shapes[name] = _joined_shapes(elements, f"link {name}", find)
         except (RobotError, *UNREADABLE) as error:
             lacking.append(f"link {name}: {error}")
     return shapes, lacking
 
 
-def _joined_shapes(
-    elements: list[ET.Element], field: str, find: FindFile
-) -> tuple[Array, npt.NDArray[np.int64]]:
+def _joined_shapes(elements: list[ET.Element], field: str, find: FindFile) -> Surface:
     """All shapes of a link as one mesh in the link's frame."""
     vertices, triangles, count = [], [], 0
     for element in elements:
@@ -64,9 +51,7 @@ def _joined_shapes(
     return np.vstack(vertices), np.vstack(triangles)
 
 
-def _shape_mesh(
-    element: ET.Element, field: str, find: FindFile
-) -> tuple[Array, npt.NDArray[np.int64]]:
+def _shape_mesh(element: ET.Element, field: str, find: FindFile) -> Surface:
     """One shape in its own frame."""
     # the first child is the shape
     geometry = element.find("geometry")

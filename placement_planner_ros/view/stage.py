@@ -12,8 +12,7 @@ import viser
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import colours
-from placement_planner_ros.view.robot_shapes import LinkShape
-from placement_planner_ros.view.world import Surface
+from placement_planner_ros.view.robot_shapes import Surface
 
 LAYERS = {
     "robot": "robot, as it is checked for collisions",
@@ -54,15 +53,13 @@ class PageStage:
         """Show or hide one of `LAYERS`."""
         self._layers[layer].visible = visible
 
-    def draw_robot(self, shapes: Sequence[LinkShape]) -> None:
-        """Another robot: one mesh for each link."""
+    def draw_robot(self, shapes: Mapping[str, Surface]) -> None:
+        """Another robot: one mesh for each link, by its name."""
         for handle in self._links.values():
             handle.remove()
         self._links = {
-            shape.link: self._mesh(
-                f"robot/{shape.link}", (shape.vertices, shape.triangles), colours.LINK
-            )
-            for shape in shapes
+            link: self._mesh(f"robot/{link}", surface, colours.LINK)
+            for link, surface in shapes.items()
         }
 
     def place_robot(self, poses: Mapping[str, pin.SE3]) -> None:

@@ -18,9 +18,7 @@ from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.robot import ShownRobot
-
-Surface = tuple[Array, npt.NDArray[np.int64]]
-"""Vertices (n, 3) and triangles (t, 3)."""
+from placement_planner_ros.view.robot_shapes import Surface
 
 
 class Itself:

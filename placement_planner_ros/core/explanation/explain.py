@@ -87,27 +87,11 @@ def _first_cause(search: Search, progress: Progress) -> Explanation:
 
 def _no_face_as_asked(search: Search) -> Explanation:
     """That `object.up` and `object.front` leave no face."""
-    turns = search.poses.turns
-    assert turns is not None
-    settings, faces = turns.settings, len(search.problem.body.faces)
-    asked = [name for name in ("up", "front") if name in demands(search)]
-    remedies, words = [Remedy(name, "give another direction, or none: []") for name in asked], ""
-    # the least that the direction leans in any rest on any region
-    slopes = {region.slope for region in search.hierarchy.regions}
-    lean = min(turns.least_lean(face, slope) for face in range(faces) for slope in slopes)
-    if lean > settings.up_tolerance:
-        tilt = search.settings.tilt
-        # the narrower of both limits is the one to raise
-        at_rest = tilt is not None and tilt.at_rest <= settings.up_tolerance
-        tolerance = "max_tilt" if at_rest else "up_tolerance"
-        words = (
-            f": `up` leans by {lean:.3f} rad or more in all of them, by `{tolerance}` it may "
-            f"by {settings.up_tolerance:.3f}"
-        )
-        remedies = [Remedy(tolerance, f"raise it to {lean + 0.005:.3f} rad"), remedies[0]]
+    told, faces = demands(search), len(search.problem.body.faces)
+    asked = [name for name in ("up", "front", "max_tilt") if name in told]
     rules = " and ".join(map(quoted, asked))
-    cause = f"no placement face: none of the {faces} rests of the object keeps {rules}{words}"
-    return Explanation(cause, tuple(remedies))
+    cause = f"no placement face: none of the {faces} rests of the object keeps {rules}"
+    return Explanation(cause, tuple(Remedy(name, told[name]) for name in asked))
 
 
 def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:

@@ -66,14 +66,6 @@ class Turns:
         away[np.hypot(facing[:, 0], facing[:, 1]) < math.sin(VERTICAL)] = math.inf
         return np.asarray(away)
 
-    def least_lean(self, face: int, slope: Slope) -> float:
-        """rad that `up` leans at least with the object on that face and a plane of that slope."""
-        if self._up is None:
-            return 0.0
-        _, _, up = _turned_coordinates(upright(slope), self._to_face[face] @ self._up)
-        # The greatest z that it has as the object turns.
-        return math.acos(min(float(up[0] + math.hypot(up[1], up[2])), 1.0))
-
     def _ranges(self, face: int, slope: Slope) -> Ranges:
         """The angles θ at which an object on that face and a plane of that slope keeps the rules;
         all of them: ((0, 2π),)."""

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.contacts.friction_cones import CONE_SIDES
@@ -30,11 +30,6 @@ FORCE_LENGTH_M = 0.05
 """m, of the lines from where a leaning object touches, along what holds it, and of their cones."""
 
 
-def no_markers() -> MarkerArray:
-    """Deletes every marker."""
-    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
-
-
 def scene_markers(
     header: Header,
     volume: TargetVolume,
@@ -52,7 +47,7 @@ def scene_markers(
     return [
         *_box_markers(header, "target_volume", volume.boxes, _VOLUME),
         *_box_markers(header, "keep_out", keep_out, _KEEP_OUT),
-        _triangles_marker(header, "regions", _region_corners(regions), _REGION),
+        _marker(header, "regions", Marker.TRIANGLE_LIST, _REGION, _region_corners(regions)),
         *(
             _numbered(_marker(header, "standing", Marker.POINTS, _STANDING, points, 0.006), number)
             for number, points in enumerate(few)
@@ -69,18 +64,15 @@ def placement_markers(
         path: (n, 3) way of the tip.
     """
     corners = body.vertices[body.triangles].reshape(-1, 3)
-    placed = _triangles_marker(header, "object", corners, _OBJECT)
+    placed = _marker(header, "object", Marker.TRIANGLE_LIST, _OBJECT, corners)
     placed.pose = pose_message(T_world_object)
     lines, wall = np.zeros((0, 3)), np.zeros((0, 3))
     if resting is not None and resting.on:
         lines, wall = _force_lines(resting), resting.wall[[0, 1, 2, 0, 2, 3]]
-    forces = _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.002)
-    # a placement that does not lean deletes the lines of the one before
-    forces.action = Marker.ADD if len(lines) else Marker.DELETE
     return [
         placed,
-        forces,
-        _triangles_marker(header, "wall", wall, _WALL),
+        _marker(header, "contacts", Marker.LINE_LIST, _FORCE, lines, 0.002),
+        _marker(header, "wall", Marker.TRIANGLE_LIST, _WALL, wall),
         _marker(header, "path", Marker.LINE_STRIP, _PATH, path, 0.005),
     ]
 
@@ -135,12 +127,6 @@ def _region_corners(regions: Iterable[Region]) -> Array:
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 
 
-def _triangles_marker(header: Header, ns: str, corners: Array, color: ColorRGBA) -> Marker:
-    marker = _marker(header, ns, Marker.TRIANGLE_LIST, color, corners, 1.0)
-    marker.action = Marker.ADD if len(corners) else Marker.DELETE
-    return marker
-
-
 def _marker(
     header: Header,
     ns: str,
@@ -149,15 +135,18 @@ def _marker(
     points: Array | Sequence[Array] = (),
     scale: float = 1.0,
 ) -> Marker:
-    """A marker where its frame is.
+    """A marker where its frame is; without points it deletes what was there, but for a box.
 
     Args:
         scale: width of points and lines, metres.
     """
+    # a placement that does not lean deletes the lines of the one before
+    drawn = kind == Marker.CUBE or len(points) > 0
     return Marker(
         header=header,
         ns=ns,
         type=kind,
+        action=Marker.ADD if drawn else Marker.DELETE,
         pose=pose_message(pin.SE3.Identity()),
         scale=Vector3(x=scale, y=scale, z=scale),
         color=color,

@@ -30,7 +30,7 @@ from placement_planner_ros.ros.outputs.conversions import (
     trajectory_message,
     with_all_joints,
 )
-from placement_planner_ros.ros.outputs.markers import no_markers, placement_markers, scene_markers
+from placement_planner_ros.ros.outputs.markers import placement_markers, scene_markers
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
@@ -71,7 +71,7 @@ class Outputs:
             self._undrawn = None
             self._trajectory.publish(trajectory_message(None, key))
             self._retreat.publish(trajectory_message(None, key))
-            self._markers.publish(no_markers())
+            self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             header = Header(frame_id=frame, stamp=self._stamp())
             self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
             # a manifest of solution 0 withdraws those of the run before

@@ -27,15 +27,6 @@ from placement_planner_ros.ros.parameters.table import (
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.scenes.yumi import TIP_FRAMES
 
-_TYPES = {
-    "bool": Parameter.Type.BOOL,
-    "integer": Parameter.Type.INTEGER,
-    "double": Parameter.Type.DOUBLE,
-    "string": Parameter.Type.STRING,
-    "double[]": Parameter.Type.DOUBLE_ARRAY,
-    "integer[]": Parameter.Type.INTEGER_ARRAY,
-    "string[]": Parameter.Type.STRING_ARRAY,
-}
 NOT_OURS = (
     "use_sim_time",
     "qos_overrides.",
@@ -127,7 +118,7 @@ class ParameterServer:
             given = node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
             values[spec.name] = spec.convert(given)
             # in the type of the parameter, where an integer was given for a double
-            node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], values[spec.name])])
+            node.set_parameters([_typed(spec, values[spec.name])])
             return values[spec.name]
 
         # declared one after the other, as some say which others there are
@@ -153,7 +144,7 @@ class ParameterServer:
         if spec is None:
             return parameter
         try:
-            return Parameter(name, _TYPES[spec.kind], self.current.convert(name, parameter.value))
+            return _typed(spec, self.current.convert(name, parameter.value))
         except PlacementPlannerError:
             return parameter
 
@@ -177,6 +168,11 @@ class ParameterServer:
         self.current = self.current.changed(mine)
         if mine and self.on_change is not None:
             self.on_change([*mine], self.current)
+
+
+def _typed(spec: Spec, value: Any) -> Parameter:
+    """The parameter with a value in its type."""
+    return Parameter(spec.name, Parameter.Type[spec.kind.upper().replace("[]", "_ARRAY")], value)
 
 
 def _descriptor(spec: Spec) -> ParameterDescriptor:
