@@ -7,11 +7,7 @@ import sys
 import time
 
 from placement_planner_ros.core.disk_cache import TROUBLES
-from placement_planner_ros.core.warmup.compiling import (
-    CompilationError,
-    CompilationProgress,
-    compile_kernels,
-)
+from placement_planner_ros.core.warmup.compiling import CompilationError, compile_kernels
 from placement_planner_ros.progress import ProgressLine
 
 _WIDTH = 30
@@ -54,10 +50,9 @@ def _compile(line: ProgressLine) -> int:
     began = time.monotonic()
     print("compiling the planner's kernels, once per installation and machine", flush=True)
 
-    def show(progress: CompilationProgress) -> None:
-        filled = _WIDTH * progress.done // progress.kernels
-        bar = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"
-        line.show(bar, always=progress.done == progress.kernels)
+    def show(done: int, kernels: int) -> None:
+        bar = ("#" * (_WIDTH * done // kernels)).ljust(_WIDTH, ".")
+        line.show(f"[{bar}] {done} of {kernels} kernels compiled", always=done == kernels)
 
     compile_kernels(show)
     line.end()

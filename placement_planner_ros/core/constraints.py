@@ -15,7 +15,6 @@ from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.keep_out import inside
-from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdict
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
@@ -35,7 +34,6 @@ class PoseConstraints:
     Attributes:
         problem: the same; with support by polygon, the foot of the centre of mass is the reference
             point of the body's faces.
-        regions: where features of the object are placed.
         faces: the contact class of these.
         contacts: all contact classes, as one: what its features are is told by their numbers.
         turns: the rules about how the object is turned; None where there are none.
@@ -63,11 +61,6 @@ class PoseConstraints:
         self.required = required
         self._keep_out = problem.environment.keep_out
         self._somewhere = np.array([part.vertices[0] for part in self._body.parts])
-
-    @property
-    def regions(self) -> tuple[Region, ...]:
-        """Where the reference points of the object's features are placed."""
-        return self.contacts.regions
 
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): the object stays where it is put; of many poses: `verdicts`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -13,19 +13,6 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb_objective
 from placement_planner_ros.core.objective.objective import Objective, evaluate_objective
 from placement_planner_ros.core.types import Array, Goal, Verdict, upright
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Refined:
-    """A locally optimised goal.
-
-    Attributes:
-        goal: the improved goal (or the given one).
-        slide: (k, dof) raised configurations from the given goal's to this one's, edges certified.
-    """
-
-    goal: Goal
-    slide: Array
 
 
 class LocalOptimizer:
@@ -46,11 +33,17 @@ class LocalOptimizer:
         self._min_improvement = min_improvement
         self._settings = settings
 
-    def optimize(self, goal: Goal, holding: Holding, should_stop: Callable[[], bool]) -> Refined:
+    def optimize(
+        self, goal: Goal, holding: Holding, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array]:
         """Improve a goal locally: Δq ← J†(q) v(∂ξ/∂(x, y, e_z)), q ← q + μΔq.
 
         The step is then corrected by IK to the pose x + μ ∂ξ exactly, so the object neither tilts
         nor leaves its contact plane. A trial is kept if ξ rises and every constraint holds.
+
+        Returns:
+            the improved goal, or the given one; and (k, dof) raised configurations from the given
+            goal's to this one's, edges certified.
         """
         slide = [goal.q_raised]
 
@@ -66,7 +59,7 @@ class LocalOptimizer:
         climb_objective(
             self._objective, goal.T_world_object, attempt, self._settings, should_stop, goal.slope
         )
-        return Refined(goal, np.array(slide))
+        return goal, np.array(slide)
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
         # The pose that the change leads to, as far as the arm can give it.

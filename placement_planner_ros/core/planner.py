@@ -37,7 +37,6 @@ from placement_planner_ros.core.objective.objective import (
     ObjectiveContext,
     TermedObjective,
 )
-from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.plan_motion.transit import (
     GoalPlanner,
@@ -300,7 +299,7 @@ class PlacementPlanner:
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
             len(poses.contacts.references),
-            poses.regions,
+            poses.contacts.regions,
             settings.hierarchy,
             poses.contacts.ranges,
         )
@@ -438,10 +437,10 @@ class PlacementPlanner:
                 yield first
                 return
         if self._settings.local_optimization and not should_stop():
-            refined = self._optimizer.optimize(goal, holding, should_stop)
-            if refined.goal is not goal:
-                further = np.vstack([path, refined.slide[1:]])
-                better = self._timed(further, refined.goal, holding, started, should_stop)
+            refined, slide = self._optimizer.optimize(goal, holding, should_stop)
+            if refined is not goal:
+                further = np.vstack([path, slide[1:]])
+                better = self._timed(further, refined, holding, started, should_stop)
                 if better is not None:
                     yield better
                     return
@@ -487,7 +486,7 @@ class PlacementPlanner:
         """What a placement there is judged by, and what is required of it, by name."""
         found: dict[str, float] = {}
         for of in (self._poses.required, self._objective):
-            if isinstance(of, TermedObjective | Requirements):
+            if isinstance(of, TermedObjective):
                 found |= of.terms(goal.T_world_object)
         return tuple(found.items())
 

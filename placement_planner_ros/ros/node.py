@@ -17,11 +17,7 @@ from rclpy.parameter import Parameter
 from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.stopping import StoppedError, stoppable
-from placement_planner_ros.core.warmup.compiling import (
-    CompilationError,
-    CompilationProgress,
-    compile_kernels,
-)
+from placement_planner_ros.core.warmup.compiling import CompilationError, compile_kernels
 from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.call_priority import CallPriority
@@ -216,9 +212,9 @@ class PlacementPlannerNode(ParameterNode):
     def _compile(self) -> None:
         """In other processes, where kernels have not been compiled yet."""
 
-        def told(progress: CompilationProgress) -> None:
-            self._warm.progress = str(progress)
-            words = f"compiling, once for this machine: {progress}"
+        def told(done: int, kernels: int) -> None:
+            self._warm.progress = f"{done} of {kernels} kernels compiled"
+            words = f"compiling, once for this machine: {self._warm.progress}"
             self.get_logger().info(words, throttle_duration_sec=10.0)
 
         try:

@@ -120,36 +120,25 @@ class Edge(Beside):
         """(n,) at poses (n, 4, 4)."""
         result = np.full(len(T_world_object), self.ends[1])
         for group in self._groups(T_world_object):
+            # The corners of what they stand on, seen from above.
+            T = T_world_object[group.rows]
+            feet = self._corners[group.face] @ T[:, :2, :3].transpose(0, 2, 1) + T[:, None, :2, 3]
             # Ends that may be nearest to the side: those within its radius of the middle's nearest.
-            feet = self._feet(group, T_world_object)
+            radius = np.linalg.norm(feet - group.middle[:, None], axis=2).max(axis=1)
             nearest, _ = group.tree.query(group.middle)
-            near = group.tree.query_ball_point(group.middle, nearest + _corner_radius(group, feet))
+            near = group.tree.query_ball_point(group.middle, nearest + radius)
             numbers = np.array([len(points) for points in near])
             points = group.tree.data[np.concatenate(near).astype(np.int64)]
             away = _from_polygons(points, np.repeat(feet, numbers, axis=0))
             # The least distance of each pose.
             least = np.minimum.reduceat(away, np.cumsum(numbers) - numbers)
-            result[group.rows] = self._trimmed(group, least)
+            trim = self._environment.support_of(group.slope).trim
+            result[group.rows] = np.clip(least - trim, *self.ends)
         return result
-
-    def _feet(self, group: Group, T: Array) -> Array:
-        """(n, k, 2) the corners of what they stand on, seen from above."""
-        T = T[group.rows]
-        corners = self._corners[group.face] @ T[:, :2, :3].transpose(0, 2, 1)
-        return np.asarray(corners + T[:, None, :2, 3])
-
-    def _trimmed(self, group: Group, distances: Array) -> Array:
-        trim = self._environment.support_of(group.slope).trim
-        return np.clip(distances - trim, *self.ends)
 
     def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
         ends = self._ends(slope, height)
         return ends, np.zeros(len(ends))
-
-
-def _corner_radius(group: Group, feet: Array) -> Array:
-    """(n,) how far from their middles the corners (n, k, 2) are at most."""
-    return np.asarray(np.linalg.norm(feet - group.middle[:, None], axis=2).max(axis=1))
 
 
 def _from_polygons(points: Array, corners: Array) -> Array:

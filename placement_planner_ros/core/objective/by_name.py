@@ -26,7 +26,7 @@ ENTRY_POINT_GROUP = "placement_planner_ros.objectives"
 ObjectiveFactory = Callable[[ObjectiveContext], Objective]
 
 _BUILT_IN: dict[str, ObjectiveFactory] = {
-    "maximize_clearance": lambda context: Clearance(context, 1.0),
+    "maximize_clearance": Clearance,
     "minimize_clearance": lambda context: Clearance(context, -1.0),
     "weighted": lambda context: Weighted(context, make_term),
 }

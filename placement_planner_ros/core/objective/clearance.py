@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
+from placement_planner_ros.core.objective.supporting_faces import SupportingFaces
 from placement_planner_ros.core.scene.clearance import CAP, ClearanceField, most_change
-from placement_planner_ros.core.types import Array, upright
+from placement_planner_ros.core.types import Array
 
 
 class Clearance:
@@ -18,16 +18,15 @@ class Clearance:
     stands on, and sideways is along them (`Incline.clearance`).
 
     Args:
-        sign: +1 maximises clearance, -1 minimises it.
+        sign: 1 maximises clearance, -1 minimises it.
     """
 
     bounded = True
 
-    def __init__(self, context: ObjectiveContext, sign: float) -> None:
+    def __init__(self, context: ObjectiveContext, sign: float = 1.0) -> None:
         self._environment = context.environment
         self._inclines = context.environment.inclines
-        self._normals = np.array([upright(each.slope)[:, 2] for each in self._inclines])
-        self._faces = np.array([face.normal for face in context.body.faces]).reshape(-1, 3)
+        self._standing = SupportingFaces(context) if context.body.faces else None
         self._points = context.body.volume_points
         self._some_points = thinned_points(self._points)
         self._sign = sign
@@ -103,9 +102,9 @@ class Clearance:
         """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
         stands on; with a sign, what sign · C is not above."""
         # Without inclines one field tells all.
-        if not self._inclines or not len(self._faces):
+        if not self._inclines or self._standing is None:
             return self._field(0, sign).mean_clearance(T, points, slopes)
-        stands_on = self._stands_on(T)
+        stands_on = self._standing.at(T).slope
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         # Poses on one incline are looked up in its field, with its slope taken out.
         for k in np.unique(stands_on):
@@ -114,14 +113,6 @@ class Clearance:
             field = self._field(int(k), sign)
             values[rows], gradients[rows] = field.mean_clearance(poses, points, slopes)
         return values, gradients
-
-    def _stands_on(self, T: Array) -> npt.NDArray[np.int64]:
-        """(n,) the incline against whose normal a face of the object points, from 1 on; 0 for level
-        ground."""
-        # How far each face points against each normal.
-        normals = np.vstack([[0.0, 0.0, 1.0], self._normals])
-        down = T[:, :3, :3] @ self._faces.T  # (n, 3, faces)
-        return np.asarray((normals @ down).min(axis=2).argmin(axis=1))
 
 
 def thinned_points(points: Array) -> Array:

@@ -6,8 +6,8 @@ import numpy as np
 
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
-    estimate_batch,
     evaluate_batch,
+    finite_answer,
 )
 from placement_planner_ros.core.types import Array
 
@@ -37,7 +37,8 @@ class LearnedEstimates:
         Raises:
             ParameterError: see `evaluate_batch`.
         """
-        estimates = estimate_batch(self._objective, T_world_object)
+        ask = lambda: self._objective.estimates(T_world_object)  # noqa: E731
+        estimates = finite_answer(self._objective, ask, len(T_world_object))
         # Enough is known: the estimate, with the largest error times a reserve.
         if self._compared >= _COMPARED_POSES:
             return estimates, _ERROR_FACTOR * self._error

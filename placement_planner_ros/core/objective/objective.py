@@ -6,7 +6,7 @@ import math
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -32,8 +32,8 @@ class Objective(Protocol):
         ...
 
 
-class BatchObjective(Objective, Protocol):
-    """An objective that judges many poses at once."""
+class BatchObjective(Protocol):
+    """What judges many poses at once: an objective, or a term of one."""
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) ξ of the (n, 4, 4) poses; must be finite."""
@@ -103,8 +103,8 @@ class SlowObjective(Objective, Protocol):
 
 
 @runtime_checkable
-class TermedObjective(Objective, Protocol):
-    """An objective that is made of terms."""
+class TermedObjective(Protocol):
+    """What is made of terms."""
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
         """The value of each by its name, in its own unit."""
@@ -112,8 +112,8 @@ class TermedObjective(Objective, Protocol):
 
 
 @runtime_checkable
-class DifferentiableObjective(Objective, Protocol):
-    """An objective that knows ∂ξ/∂(x, y, e_z)."""
+class DifferentiableObjective(Protocol):
+    """An objective, or a term, that knows its ∂/∂(x, y, e_z)."""
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,) change of ξ per metre in x and y, and per radian about z through the origin."""
@@ -172,61 +172,41 @@ def evaluate_objective(objective: Objective, T_world_object: pin.SE3) -> float:
     return value
 
 
-def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
+def evaluate_batch(objective: Objective | BatchObjective, T_world_object: Array) -> Array:
     """(n,) ξ of the (n, 4, 4) poses, checked; a black box is asked pose by pose.
 
     Raises:
         ParameterError: the objective raises, or is not a finite number somewhere.
         StoppedError: nobody wants them any more.
     """
-    if not _takes_batches(objective):
-        values = []
-        for T in T_world_object:
-            step("asking the objective")  # one that takes long is asked no more once that is over
-            values.append(evaluate_objective(objective, pin.SE3(T)))
-        return np.array(values)
-    return _finite_answer(
-        objective, lambda: objective.values(T_world_object), (len(T_world_object),)
-    )
+    # What `isinstance` says takes Python 3.11 as long as a batch of values.
+    if hasattr(objective, "values"):
+        return finite_answer(
+            objective, lambda: objective.values(T_world_object), len(T_world_object)
+        )
+    values = []
+    for T in T_world_object:
+        step("asking the objective")  # one that takes long is asked no more once that is over
+        values.append(evaluate_objective(objective, pin.SE3(T)))
+    return np.array(values)
 
 
-def _takes_batches(objective: Objective) -> TypeGuard[BatchObjective]:
-    """What `isinstance` says, which takes Python 3.11 as long as a batch of values."""
-    return hasattr(objective, "values")
-
-
-def values_above(objective: BoundedObjective, T_world_object: Array, best: float) -> Array:
-    """(n,) ξ of the (n, 4, 4) poses or a bound of it, checked.
+def finite_answer(objective: object, ask: Callable[[], Array], count: int) -> Array:
+    """So many numbers (count,) that an objective answers, checked.
 
     Raises:
-        ParameterError: the objective raises, or is not a finite number somewhere.
+        ParameterError: the objective raises, or one of them is not finite.
     """
-    ask = lambda: objective.values_above(T_world_object, best)  # noqa: E731
-    return _finite_answer(objective, ask, (len(T_world_object),))
-
-
-def estimate_batch(objective: EstimatedObjective, T_world_object: Array) -> Array:
-    """(n,) about ξ of the (n, 4, 4) poses, checked.
-
-    Raises:
-        ParameterError: the objective raises, or does not estimate a finite number somewhere.
-    """
-    return _finite_answer(
-        objective, lambda: objective.estimates(T_world_object), (len(T_world_object),)
-    )
-
-
-def _finite_answer(objective: object, ask: Callable[[], Array], shape: tuple[int, ...]) -> Array:
     numbers = ask_objective(objective, lambda: np.array(ask(), dtype=np.float64))
-    if numbers.shape != shape or not np.isfinite(numbers).all():
-        raise ParameterError("objective", numbers.tolist(), f"must be {shape[0]} finite numbers")
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ParameterError("objective", numbers.tolist(), f"must be {count} finite numbers")
     return numbers
 
 
 def objective_gradient(
-    objective: Objective, T_world_object: pin.SE3, slope: Slope = LEVEL
+    objective: Objective | BatchObjective, T_world_object: pin.SE3, slope: Slope = LEVEL
 ) -> Array:
-    """∂ξ/∂(x, y, e_z) (3,): the objective's own, or central differences.
+    """∂ξ/∂(x, y, e_z) (3,) of an objective or a term: its own, or central differences.
 
     Args:
         slope: of the plane in which differences are taken.
@@ -236,19 +216,11 @@ def objective_gradient(
     """
     if isinstance(objective, DifferentiableObjective):
         smooth = objective
-        return _finite_answer(objective, lambda: smooth.gradient(T_world_object), (3,))
-    return central_differences(lambda T: evaluate_batch(objective, T), T_world_object, slope)
-
-
-def central_differences(
-    values: Callable[[Array], Array], T_world_object: pin.SE3, slope: Slope
-) -> Array:
-    """(3,) change of what has `values` (n,) at poses (n, 4, 4) per metre in x and y, and per radian
-    about the normal of a plane of that slope, within that plane."""
+        return finite_answer(objective, lambda: smooth.gradient(T_world_object), 3)
     # To both sides, one coordinate at a time.
     changes = [side * change for change in np.diag(_DIFFERENCES) for side in (1.0, -1.0)]
     poses = [moved_pose(T_world_object, change, slope).homogeneous for change in changes]
-    ahead, behind = values(np.array(poses)).reshape(3, 2).T
+    ahead, behind = evaluate_batch(objective, np.array(poses)).reshape(3, 2).T
     return np.asarray((ahead - behind) / (2.0 * _DIFFERENCES))
 
 

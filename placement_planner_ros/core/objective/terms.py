@@ -53,15 +53,6 @@ class Term(Protocol):
 
 
 @runtime_checkable
-class SmoothTerm(Protocol):
-    """A term that knows its gradient."""
-
-    def gradient(self, T_world_object: pin.SE3) -> Array:
-        """(3,) change per metre in x and y, and per radian about z through the origin."""
-        ...
-
-
-@runtime_checkable
 class SlowTerm(Protocol):
     """A term that is known to change little from a pose to those around it."""
 
@@ -85,9 +76,6 @@ class ClearanceTerm(Clearance):
     ends: ClassVar = (0.0, CAP)
     expensive: ClassVar = True
 
-    def __init__(self, context: ObjectiveContext) -> None:
-        super().__init__(context, 1.0)
-
 
 class Near:
     """near: minus the distance of the object's origin from that of `near_pose`, metres."""
@@ -109,14 +97,6 @@ class Near:
         """(n,) each, by the distance that is left."""
         middle = self.values(ranges.T)
         return middle - ranges.away, np.minimum(middle + ranges.away, 0.0)
-
-    def gradient(self, T_world_object: pin.SE3) -> Array:
-        """(3,); nothing where it is there."""
-        away = T_world_object.translation - self._target
-        distance = float(np.linalg.norm(away))
-        if distance < 1e-9:
-            return np.zeros(3)
-        return np.array([-away[0] / distance, -away[1] / distance, 0.0])
 
 
 class Turn:
@@ -141,13 +121,6 @@ class Turn:
         """(n,) each, by the angle that is left."""
         middle = self.values(ranges.T)
         return middle - ranges.turn, np.minimum(middle + ranges.turn, 0.0)
-
-    def gradient(self, T_world_object: pin.SE3) -> Array:
-        """(3,); only turning changes it."""
-        # The turn from the target to the pose, as axis times angle.
-        off = pin.log3(T_world_object.rotation @ self._target.T)
-        angle = float(np.linalg.norm(off))
-        return np.array([0.0, 0.0, 0.0 if angle < 1e-9 else -off[2] / angle])
 
 
 class High:

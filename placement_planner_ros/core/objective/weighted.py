@@ -18,7 +18,6 @@ from placement_planner_ros.core.objective.objective import (
     Objective,
     ObjectiveContext,
     PoseRanges,
-    central_differences,
     evaluate_batch,
     objective_gradient,
 )
@@ -28,13 +27,12 @@ from placement_planner_ros.core.objective.terms import (
     High,
     Near,
     SlowTerm,
-    SmoothTerm,
     Stance,
     Term,
     Turn,
     term_ends,
 )
-from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array, Slope
+from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array
 
 BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "clearance": ClearanceTerm,
@@ -79,18 +77,15 @@ class _WeightedPart:
         self.term, self.factor = term, factor
         self._estimates = LearnedEstimates(term) if isinstance(term, EstimatedObjective) else None
 
-    def most(self, T: Array) -> Array:
-        """(n,) what it adds at most at poses (n, 4, 4)."""
-        most = (self.factor * np.array(self.term.ends)).max() if self.factor else 0.0
-        return np.full(len(T), most)
+    @property
+    def most(self) -> float:
+        """What it adds at most, wherever."""
+        return float((self.factor * np.array(self.term.ends)).max()) if self.factor else 0.0
 
     @property
     def bounded(self) -> bool:
         """Whether it is known what it adds at most."""
-        ends = np.array(self.term.ends)
-        return (
-            isinstance(self.term, SlowTerm) or not self.factor or max(self.factor * ends) < np.inf
-        )
+        return isinstance(self.term, SlowTerm) or self.most < np.inf
 
     def most_around(self, ranges: PoseRanges) -> Array:
         """(n,) what it adds at most at any pose of each range."""
@@ -104,12 +99,6 @@ class _WeightedPart:
             return None
         values, off = self._estimates.about(T)
         return self.factor * values + abs(self.factor) * (off or 0.0)
-
-    def gradient(self, x: pin.SE3, slope: Slope) -> Array:
-        """(3,) of what it adds, within a plane of that slope."""
-        if isinstance(self.term, SmoothTerm):
-            return self.factor * self.term.gradient(x)
-        return self.factor * central_differences(self.term.values, x, slope)
 
 
 class Weighted:
@@ -173,7 +162,7 @@ class Weighted:
         if not self._expensive:
             return total
         # At most what the expensive ones add.
-        most = np.array([part.most(T) for part in self._expensive])  # (expensive, n)
+        most = np.array([np.full(len(T), part.most) for part in self._expensive])
         # Estimates first, where a pose could still be better than the best.
         for part, row in zip(self._expensive, most, strict=True):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
@@ -199,8 +188,12 @@ class Weighted:
         stood = self._standing.at(T_world_object.homogeneous[None])
         along = self._standing.slopes[stood.slope[0]]
         slope = (float(along[0]), float(along[1])) if along.any() else LEVEL
-        parts = (*self._cheap, *self._expensive)
-        return np.asarray(sum(part.gradient(T_world_object, slope) for part in parts))
+        return np.asarray(
+            sum(
+                part.factor * objective_gradient(part.term, T_world_object, slope)
+                for part in (*self._cheap, *self._expensive)
+            )
+        )
 
 
 class Requirements:
@@ -223,11 +216,6 @@ class Requirements:
             for name, least in zip(wishes.required, wishes.at_least, strict=True)
         )
 
-    @property
-    def at_least(self) -> dict[str, float]:
-        """What each must reach, by its name."""
-        return {name: least for name, _, least in self.terms_asked}
-
     def lacking(self, T_world_object: Array) -> Array:
         """(n,) by how many of their scales all together are too low at poses (n, 4, 4); 0 where all
         are reached. Expensive ones are asked only where the others are."""
@@ -244,16 +232,11 @@ class Requirements:
                 total[rows] += np.where(short > SINGLE_ROUNDING, short, 0.0) / term.scale
         return total
 
-    def most_around(self, ranges: PoseRanges) -> dict[str, Array]:
-        """(n,) of each, by its name, what it is at most at any pose of each range: of those that
-        change slowly by what they are in its middle, of others by their ends."""
-        return {name: term_ends(term, ranges)[1] for name, term, _ in self.terms_asked}
-
     def impossible(self, ranges: PoseRanges) -> npt.NDArray[np.bool_]:
         """(n,) ranges at all of whose poses one of them is too low."""
-        most, least = self.most_around(ranges), self.at_least
         # Arithmetic may be off by as much again.
-        low = [most[name] < least[name] - 2.0 * SINGLE_ROUNDING for name in most]
+        allowed = 2.0 * SINGLE_ROUNDING
+        low = [term_ends(term, ranges)[1] < least - allowed for _, term, least in self.terms_asked]
         return np.asarray(np.any(low, axis=0))
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:

@@ -17,7 +17,7 @@ from placement_planner_ros.core.objective.objective import (
     Objective,
     evaluate_batch,
     evaluate_objective,
-    values_above,
+    finite_answer,
 )
 from placement_planner_ros.core.search.sampler import Draws, Outcome, TryOrder, as_drawn
 from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
@@ -111,8 +111,9 @@ class GoalFinder:
     def _values(self, T: Array, best: float) -> Array:
         """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`."""
         # By bounds, by values, or by estimates with their error.
-        if self._bounded is not None:
-            return values_above(self._bounded, T, best)
+        bounded = self._bounded
+        if bounded is not None:
+            return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T))
         if self._estimates is None:
             return evaluate_batch(self._objective, T)
         values, off = self._estimates.about(T)

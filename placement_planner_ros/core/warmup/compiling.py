@@ -17,7 +17,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,27 +41,11 @@ class CompilationError(Exception):
     """The processes ended without all kernels."""
 
 
-@dataclass(frozen=True, slots=True)
-class CompilationProgress:
-    """How far compiling is.
-
-    Attributes:
-        done: kernels that are compiled.
-        kernels: how many there are.
-    """
-
-    done: int
-    kernels: int
-
-    def __str__(self) -> str:
-        return f"{self.done} of {self.kernels} kernels compiled"
-
-
-def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
+def compile_kernels(told: Callable[[int, int], None]) -> None:
     """Compile what is not on disk yet; stoppable, as `core.stopping` says.
 
     Args:
-        told: how far it is, whenever that changed.
+        told: gets how many kernels are compiled, and of how many, whenever that changed.
 
     Raises:
         CompilationError: it failed, or what is compiled cannot be kept.
@@ -81,7 +64,7 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
         done = len(kernels & {path.name.partition("-")[0] for path in folder.glob("*/*.nbi")})
         if done > said:
             said = done
-            told(CompilationProgress(done, len(kernels)))
+            told(done, len(kernels))
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.types import FULL_TURN, SINGLE_ROUNDING, Array, Slope, upright
@@ -91,7 +92,8 @@ class Turns:
         ends = [*ends, FULL_TURN]
         # Between two ends the rules are kept everywhere or nowhere.
         middles = np.array([0.5 * (a + b) for a, b in itertools.pairwise(ends)])
-        kept = self.kept(to_normal @ _about_z(middles) @ to_face)
+        turned = Rotation.from_euler("z", middles[:, None]).as_matrix()
+        kept = self.kept(to_normal @ turned @ to_face)
         found: list[tuple[float, float]] = []
         for (low, high), keeps in zip(itertools.pairwise(ends), kept.tolist(), strict=True):
             if not keeps:
@@ -134,13 +136,3 @@ def _angles_of_value(terms: Array, value: float) -> list[float]:
     middle = math.atan2(along_sin, along_cos)
     aside = math.acos((value - constant) / size)
     return [(middle - aside) % FULL_TURN, (middle + aside) % FULL_TURN]
-
-
-def _about_z(angles: Array) -> Array:
-    """(n, 3, 3) R_z of (n,) angles."""
-    result = np.zeros((len(angles), 3, 3))
-    result[:, 0, 0] = result[:, 1, 1] = np.cos(angles)
-    result[:, 1, 0] = np.sin(angles)
-    result[:, 0, 1] = -result[:, 1, 0]
-    result[:, 2, 2] = 1.0
-    return result

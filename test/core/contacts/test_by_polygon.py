@@ -85,7 +85,7 @@ def on_scene(scene, body):
 
 def draw(poses, rng, count):
     """Faces, contacts and angles on the regions that a rule offers."""
-    regions = poses.regions
+    regions = poses.contacts.regions
     picked = rng.integers(len(regions), size=count)
     contacts = np.array([regions[k].sample(rng) for k in picked])
     slopes = np.array([regions[k].slope for k in picked])
@@ -109,7 +109,7 @@ def test_what_stands_is_what_plain_geometry_says(scene, name):
     problem = on_scene(scene, body)
     settings = replace(POLYGON, support_margin=margin)
     poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
-    if not poses.regions:  # too little for any margin
+    if not poses.contacts.regions:  # too little for any margin
         poses = PoseConstraints(problem, settings.collision, POLYGON.footing, 0.0)
     # the support map closes corners that are cut into a surface a little
     bay = 0.005 if scene == "corner" else 1e-6

@@ -144,7 +144,7 @@ def test_overhang_is_free_wherever_the_cells_lie(height):
     problem = problem_on(body, [Block("bridge", (0.2, 0.8), (-0.03, 0.03), z=height, depth=0.0191)])
     poses = PoseConstraints(problem, POLYGON.collision, POLYGON.footing, 0.03)
     rng = np.random.default_rng(0)
-    contacts = np.array([poses.regions[0].sample(rng) for _ in range(300)])
+    contacts = np.array([poses.contacts.regions[0].sample(rng) for _ in range(300)])
     faces = rng.integers(len(body.faces), size=300)
     verdicts, _ = poses.verdicts(faces, contacts, rng.uniform(0.0, 6.3, 300))
     assert (verdicts == Verdict.COLLIDING).sum() == 0

@@ -8,9 +8,9 @@ from placement_planner_ros.core.errors import ObjectError, ParameterError
 from placement_planner_ros.core.objective import by_name
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import (
-    estimate_batch,
     evaluate_batch,
     evaluate_objective,
+    finite_answer,
     objective_gradient,
 )
 from placement_planner_ros.core.stopping import StoppedError, stoppable
@@ -24,7 +24,7 @@ def ask_all(objective):
     return (
         lambda: evaluate_objective(objective, AT),
         lambda: evaluate_batch(objective, POSES),
-        lambda: estimate_batch(objective, POSES),
+        lambda: finite_answer(objective, lambda: objective.estimates(POSES), len(POSES)),
         lambda: objective_gradient(objective, AT),
     )
 

@@ -66,16 +66,16 @@ def made(kind, name, slope):
     problem = problem_on(body(name), random_blocks(kind, rng), slope)
     settings = PlannerSettings(support="polygon")
     poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
-    assert poses.regions
+    assert poses.contacts.regions
     if slope != LEVEL:
-        assert {region.slope for region in poses.regions} != {LEVEL}
+        assert {region.slope for region in poses.contacts.regions} != {LEVEL}
     return poses
 
 
 @pytest.mark.parametrize(("kind", "name", "slope"), CASES, ids=str)
 def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
     poses = made(kind, name, slope)
-    regions, faces = poses.regions, len(poses.problem.body.faces)
+    regions, faces = poses.contacts.regions, len(poses.problem.body.faces)
     rng = np.random.default_rng(4)
     sets, cells = cells_across(regions, faces, rng, 300, [0.0, 0.005, 0.03, 0.15])
     unsupported = SupportBound(poses).unsupported(PlacedCells(sets, cells))

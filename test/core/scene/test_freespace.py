@@ -296,7 +296,7 @@ def test_unknown_space_below_a_table_takes_no_place_from_it(height):
         rules = settings.collision, settings.footing, 0.03
         poses = PoseConstraints(bare_problem(body, around), *rules)
         rng = np.random.default_rng(0)
-        contacts = np.array([poses.regions[0].sample(rng) for _ in range(300)])
+        contacts = np.array([poses.contacts.regions[0].sample(rng) for _ in range(300)])
         verdicts, _ = poses.verdicts(np.zeros(300, int), contacts, rng.uniform(0.0, 6.3, 300))
         shares.append((verdicts == Verdict.FEASIBLE).mean())
     assert shares[1] == shares[0] > 0.8
