@@ -127,9 +127,8 @@ def _drawn(robot: Robot, rng: np.random.Generator) -> dict[str, float]:
 
 
 def _without(robot: Robot, links: Collection[str]) -> Robot:
-    """The robot without the shapes of some links."""
-    if not links:
-        return robot
+    """The robot without the shapes of some links; another one than it, which what is remembered of
+    it may hold."""
     rows = [i for i, link in enumerate(robot.geometry_links) if link not in links]
     geometry = robot.geometry.copy()
     for shape, link in zip(robot.geometry.geometryObjects, robot.geometry_links, strict=True):

@@ -1,5 +1,8 @@
 """What in a description is robot, and what is furniture."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -91,3 +94,13 @@ def test_furniture_is_part_of_the_surroundings_where_it_is_and_no_more_of_the_ro
         for pair in cell.geometry.collisionPairs
     }
     assert pairs == {pair for pair in before if "shelf" not in pair}
+
+
+@pytest.mark.parametrize("named", [("shelf",), ("nothing",)])
+def test_a_robot_that_was_replaced_is_kept_by_nobody(named):
+    robot = Robot.from_urdf(CELL)
+    fixed_links(robot, ("tip",), named)
+    known = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert known() is None
