@@ -58,7 +58,8 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
     if until_signal:
         catch_signals()
     with ended_while_loading(0 if until_signal else None):
-        _use_kernel_folder()
+        # Before numba is imported.
+        import_module(f"{PACKAGE}.core.kernels").use_kernel_folder()
         try:
             main = import_module(f"{PACKAGE}.{module}").main
         except ModuleNotFoundError as error:
@@ -66,11 +67,6 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
                 raise
             sys.exit(f"{program}: {error.name} is missing; {remedy}")
     return main()
-
-
-def _use_kernel_folder() -> None:
-    """Before numba is imported."""
-    import_module(f"{PACKAGE}.core.kernels").use_kernel_folder()
 
 
 def placement_planner() -> Any:

@@ -103,19 +103,14 @@ def _moving_points(robot: Robot, arm: Arm) -> list[tuple[int, Array]]:
 
 
 def _filling(convex: ConvexSet) -> Array:
-    """(n, 3) points of a grid that lie in a convex set, and its middle."""
+    """(n, 3) points of a grid that lie in a convex set, round ones taken for the box around, and
+    its middle."""
     low, high = convex.vertices.min(axis=0), convex.vertices.max(axis=0)
     middle = 0.5 * (low + high)
     steps = np.floor((0.5 * (high - low) + convex.radius) / SPACING_M)
     axes = [np.arange(-n, n + 1.0) * SPACING_M for n in steps]
     grid = middle + np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    if len(convex.normals):
-        inside = (grid @ convex.normals.T <= convex.offsets + convex.radius).all(axis=1)
-    else:  # a point or a line with what is around it
-        start, along = convex.vertices[0], convex.vertices[-1] - convex.vertices[0]
-        share = (grid - start) @ along / max(float(along @ along), 1e-12)
-        nearest = start + share.clip(0.0, 1.0)[:, None] * along
-        inside = np.linalg.norm(grid - nearest, axis=1) <= convex.radius
+    inside = (grid @ convex.normals.T <= convex.offsets + convex.radius).all(axis=1)
     return np.vstack([grid[inside], middle])
 
 

@@ -42,7 +42,6 @@ class Aligned(Beside):
     all that is at that height; ends are those of `Edge`. Where there is nothing, 0.
     """
 
-    unit: ClassVar = "rad"
     scale: ClassVar = 0.2
     ends: ClassVar = (-0.25 * math.pi, 0.0)
     expensive: ClassVar = True

@@ -62,7 +62,7 @@ class Beside(ABC):
         # What each pose stands on, and where the middle of that side is.
         stood = self._standing.at(T)
         at = np.einsum("nij,nj->ni", T[:, :3, :3], self._standing.middles[stood.face]) + T[:, :3, 3]
-        slopes = self._standing.slopes[stood.slope]
+        slopes = np.array(self._standing.slopes)[stood.slope]
         # Contact planes, by slope and by height in steps.
         level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / LAYER_STEP_M)
         planes = np.column_stack([stood.slope, level]).astype(np.int64)
@@ -72,12 +72,8 @@ class Beside(ABC):
                 continue
             # The poses on that plane.
             of = np.flatnonzero((planes == (slope, height)).all(axis=1))
-            along = self._slope(slope)
+            along = self._standing.slopes[slope]
             yield Group(of, stood.face[of], at[of, :2], along, tree, known)
-
-    def _slope(self, slope: int) -> Slope:
-        along = self._standing.slopes[slope]
-        return float(along[0]), float(along[1])
 
     def _table(self, slope: int, level: int) -> tuple[cKDTree | None, Array]:
         """Places around a contact plane as a tree, and what is known of each.
@@ -87,7 +83,7 @@ class Beside(ABC):
         """
         key = slope, level
         if key not in self._tables:
-            places, known = self._places(self._slope(slope), level * LAYER_STEP_M)
+            places, known = self._places(self._standing.slopes[slope], level * LAYER_STEP_M)
             self._tables[key] = (cKDTree(places) if len(places) else None), known
         return self._tables[key]
 
@@ -107,7 +103,6 @@ class Edge(Beside):
     a thing stands on it. At most 0.2.
     """
 
-    unit: ClassVar = "m"
     scale: ClassVar = 0.05
     ends: ClassVar = (0.0, 0.2)
     expensive: ClassVar = True

@@ -40,7 +40,7 @@ class SupportingFaces:
     """Tells it by which face points most nearly against the normal of some surface.
 
     Attributes:
-        slopes: (s, 2) of the surfaces; the first is level.
+        slopes: of the surfaces; the first is level.
         middles: (|F|, 3) of v(f), in the object's frame.
     """
 
@@ -51,11 +51,10 @@ class SupportingFaces:
                 "terms of the face that is down",
                 "the object can stand on none: leave out high, edge, aligned and stance",
             )
-        self.slopes = np.array([LEVEL, *(each.slope for each in context.environment.inclines)])
+        self.slopes = LEVEL, *(each.slope for each in context.environment.inclines)
         self.middles = np.array([face.vertices.mean(axis=0) for face in context.body.faces])
-        self.middles = self.middles.reshape(-1, 3)
         self._up = upright(self.slopes)[:, :, 2]
-        self._down = np.array([face.normal for face in context.body.faces]).reshape(-1, 3).T
+        self._down = np.array([face.normal for face in context.body.faces]).T
 
     def at(self, T_world_object: Array) -> SupportingFace:
         """At poses (n, 4, 4)."""

@@ -28,11 +28,6 @@ class Term(Protocol):
     """One thing that a placement is judged by."""
 
     @property
-    def unit(self) -> str:
-        """Of its values; '' where it has none."""
-        ...
-
-    @property
     def scale(self) -> float:
         """The difference, in its unit, that counts as 1."""
         ...
@@ -71,7 +66,6 @@ def term_ends(term: Term, ranges: PoseRanges) -> tuple[Array, Array]:
 class ClearanceTerm(Clearance):
     """clearance: C(x), the mean distance d_S of the object from what stands around it, metres."""
 
-    unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (0.0, CAP)
     expensive: ClassVar = True
@@ -80,7 +74,6 @@ class ClearanceTerm(Clearance):
 class Near:
     """near: minus the distance of the object's origin from that of `near_pose`, metres."""
 
-    unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (-math.inf, 0.0)
     expensive: ClassVar = False
@@ -102,7 +95,6 @@ class Near:
 class Turn:
     """turn: minus the angle by which the object is turned from `near_pose`, radians."""
 
-    unit: ClassVar = "rad"
     scale: ClassVar = 0.5
     ends: ClassVar = (-math.pi, 0.0)
     expensive: ClassVar = False
@@ -126,7 +118,6 @@ class Turn:
 class High:
     """high: z of the middle of the side that the object stands on, metres."""
 
-    unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (-math.inf, math.inf)
     expensive: ClassVar = False
@@ -155,7 +146,6 @@ class Stance:
     With `support: polygon` over the hull of what is supported, else over all of v(f).
     """
 
-    unit: ClassVar = "rad"
     scale: ClassVar = 0.2
     ends: ClassVar = (-0.5 * math.pi, 0.5 * math.pi)
 
@@ -194,7 +184,7 @@ class Stance:
             feet, inward = self._contacts[face]
             points = feet @ inward.rotation[:, :2].T + inward.translation
             placed = points @ T[:3, :3].T + T[:3, 3]
-            support = self._environment.support_of((float(slope[0]), float(slope[1])))
+            support = self._environment.support_of(slope)
             carried = feet[support.supported(placed, self._tolerance)]
             # By how much it can be tipped over the hull of these.
             result[n] = self._tips(stood.face[n : n + 1], _inward_normals(carried)[None], T[None])[

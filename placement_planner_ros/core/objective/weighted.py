@@ -32,7 +32,7 @@ from placement_planner_ros.core.objective.terms import (
     Turn,
     term_ends,
 )
-from placement_planner_ros.core.types import LEVEL, SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 
 BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "clearance": ClearanceTerm,
@@ -49,7 +49,6 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
 class PlugInTerm:
     """A user's objective as a term; it has no unit, and what it could be is not known."""
 
-    unit = ""
     scale = 1.0
     ends = (-math.inf, math.inf)
     expensive = True
@@ -186,8 +185,7 @@ class Weighted:
         """∂ξ/∂(x, y, e_z), within the plane that the object stands on."""
         # The slope of the plane that the object stands on.
         stood = self._standing.at(T_world_object.homogeneous[None])
-        along = self._standing.slopes[stood.slope[0]]
-        slope = (float(along[0]), float(along[1])) if along.any() else LEVEL
+        slope = self._standing.slopes[stood.slope[0]]
         return np.asarray(
             sum(
                 part.factor * objective_gradient(part.term, T_world_object, slope)
@@ -209,8 +207,7 @@ class Requirements:
     def __init__(
         self, context: ObjectiveContext, make: Callable[[str, ObjectiveContext], Term]
     ) -> None:
-        wishes = context.wishes
-        wishes.require_consistent()
+        wishes = context.wishes  # which the planner has found consistent
         self.terms_asked = tuple(
             (name, make(name, context), least)
             for name, least in zip(wishes.required, wishes.at_least, strict=True)

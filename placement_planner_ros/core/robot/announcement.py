@@ -52,7 +52,8 @@ def _limits(robot: Robot, arm: Arm, accelerations: bool) -> str:
     for what, limits, time in rates if accelerations else rates[:1]:
         for joint, limit in zip(arm.joints, limits, strict=True):
             if what in robot.assumed[joint]:
-                words = f"{what} limit {limit:g} {robot.unit(joint)}/{time}"
+                unit = "m" if joint in robot.prismatic else "rad"
+                words = f"{what} limit {limit:g} {unit}/{time}"
                 found.setdefault(words, []).append(joint)
     slides = {joint for joints in found.values() for joint in joints} & robot.prismatic
     if not slides and not any(words.startswith("velocity") for words in found):

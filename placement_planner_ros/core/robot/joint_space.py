@@ -54,10 +54,6 @@ class JointSpace:
             raise RobotError("joint", joint, f"name one of {list(self.joint_names)}")
         return self.joint_names.index(joint)
 
-    def unit(self, joint: str) -> str:
-        """Of a joint's values: "m" where it slides, else "rad"."""
-        return "m" if joint in self.prismatic else "rad"
-
     @property
     def _coupled(self) -> set[str]:
         """Joints that follow another, and those that are followed."""

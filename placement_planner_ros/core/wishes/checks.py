@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.types import MAX_BOXES
+from placement_planner_ros.core.errors import ParameterError, VolumeError
+from placement_planner_ros.core.types import TargetVolume
 
 _UNIT_LENGTH_TOLERANCE = 1e-2
 """How far a quaternion's length may be from 1."""
@@ -51,16 +51,9 @@ def check_pose_value(name: str, value: Sequence[float]) -> None:
 
 def check_boxes(name: str, value: Sequence[float]) -> None:
     """Minimum and maximum corners of boxes, six numbers each, or nothing."""
-    if len(value) % 6:
-        raise ParameterError(name, list(value), f"give six numbers per box, not {len(value)}")
-    if len(value) > 6 * MAX_BOXES:
-        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_BOXES} at most")
-    # Corners are finite, the lower one first.
-    for number, box in enumerate(np.array(value, dtype=np.float64).reshape(-1, 6)):
-        if not (np.isfinite(box).all() and (box[3:] > box[:3]).all()):
-            raise ParameterError(
-                name,
-                box.tolist(),
-                f"give the minimum corner of box {number + 1} first; every side must be longer "
-                "than zero",
-            )
+    # As V is checked, which is such boxes too.
+    try:
+        if len(value):
+            TargetVolume.of_numbers(value)
+    except VolumeError as error:
+        raise ParameterError(name, error.value, error.remedy) from error

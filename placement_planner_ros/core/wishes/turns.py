@@ -42,30 +42,20 @@ class Turns:
 
     def kept(self, rotations: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether the rules are kept by objects turned by (n, 3, 3)."""
-        kept = self.leans(rotations) <= self.settings.up_tolerance + SINGLE_ROUNDING
-        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + SINGLE_ROUNDING
-        return kept
-
-    def leans(self, rotations: Array) -> Array:
-        """(n,) rad between `up` and the vertical of objects turned by (n, 3, 3); 0 without it."""
-        if self._up is None:
-            return np.zeros(len(rotations))
+        kept = np.ones(len(rotations), np.bool_)
         # Where `up` points, as an angle from the vertical.
-        pointing = rotations @ self._up
-        return np.asarray(np.arctan2(np.hypot(pointing[:, 0], pointing[:, 1]), pointing[:, 2]))
-
-    def faces_away(self, rotations: Array) -> Array:
-        """(n,) rad between where `front` faces and where it should, infinite where it is vertical,
-        of objects turned by (n, 3, 3); 0 without it."""
-        if self._front is None:
-            return np.zeros(len(rotations))
-        # Where `front` faces, and the azimuth from where it should, at most half a turn.
-        facing = rotations @ self._front
-        azimuth = np.arctan2(facing[:, 1], facing[:, 0]) - self.settings.front_direction
-        away = np.abs(np.remainder(azimuth + math.pi, FULL_TURN) - math.pi)
-        # Too near to the vertical it faces nowhere.
-        away[np.hypot(facing[:, 0], facing[:, 1]) < math.sin(VERTICAL)] = math.inf
-        return np.asarray(away)
+        if self._up is not None:
+            x, y, z = (rotations @ self._up).T
+            kept &= np.arctan2(np.hypot(x, y), z) <= self.settings.up_tolerance + SINGLE_ROUNDING
+        # Where `front` faces, and the azimuth from where it should, at most half a turn; too near
+        # to the vertical it faces nowhere.
+        if self._front is not None:
+            x, y, _ = (rotations @ self._front).T
+            azimuth = np.arctan2(y, x) - self.settings.front_direction
+            away = np.abs(np.remainder(azimuth + math.pi, FULL_TURN) - math.pi)
+            kept &= away <= self.settings.front_tolerance + SINGLE_ROUNDING
+            kept &= np.hypot(x, y) >= math.sin(VERTICAL)
+        return kept
 
     def _ranges(self, face: int, slope: Slope) -> Ranges:
         """The angles θ at which an object on that face and a plane of that slope keeps the rules;
