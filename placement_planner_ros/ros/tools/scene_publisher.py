@@ -43,7 +43,7 @@ class ScenePublisher(Node):
     """Publishes clouds, joint states and the robot's description.
 
     The complete surface goes to `points` in the planning frame; the cameras' views go to
-    `<camera>/points`, in the cameras' optical frames; both twice a second.
+    `<camera>/points`, in the cameras' optical frames.
 
     Args:
         own: a scene, joint values by name and the planning frame, instead of what is bundled; the
@@ -69,6 +69,9 @@ class ScenePublisher(Node):
         kind = given(
             "clouds", "complete", "complete: the whole surface; cameras: what two cameras see."
         )
+        rate = given("rate", 2.0, "Clouds per second.")
+        if type(rate) not in (int, float) or not 0.0 < rate <= 100.0:
+            raise ParameterError("rate", rate, "must be above 0 and at most 100 Hz")
         if own is None:
             own = scene_by_name(str(name)), start_configuration(str(held)), FRAME
             for topic, file in _DESCRIPTIONS.items():
@@ -78,7 +81,7 @@ class ScenePublisher(Node):
         self._positions = dict(positions)
         self._clouds = self._make_clouds(scene, kind, frame)
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
-        every(self, 0.5, self._publish_clouds)
+        every(self, 1.0 / rate, self._publish_clouds)
         every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
         self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
 
