@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
@@ -67,7 +67,13 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
     def answered(request: Any, response: Any) -> Any:
         parameters = getattr(request, "parameters", [])
         met: list[BaseException] = []
-        given = survive(lambda: respond(request, response), met.append)
+
+        def act() -> Any:
+            # of a type that does not exist rclpy makes no parameter, but raises
+            _require_types(parameters)
+            return respond(request, response)
+
+        given = survive(act, met.append)
         for error in met:
             if isinstance(error, PlacementPlannerError):
                 said = refusal([error])
@@ -86,6 +92,18 @@ def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
         return given
 
     return answered
+
+
+def _require_types(parameters: Any) -> None:
+    """Refuse a parameter whose type does not exist; of names alone there is none.
+
+    Raises:
+        ParameterError: there is one.
+    """
+    known = {kind.value for kind in Parameter.Type}
+    for each in parameters:
+        if each.value.type not in known:
+            raise ParameterError(each.name, f"type {each.value.type}", "is no type")
 
 
 def _saying(said: ServiceAnswer, response: Any, parameters: int = 0) -> Any:
