@@ -234,12 +234,12 @@ def near_points(
         return _not_alone(points[others], tree, grid)
 
     # beside the robot, and not on it: an obstacle whatever is held
-    others = of_robot.padded & ~beside_held & ~of_robot.own()
+    foreign = ~of_robot.own()
+    others = of_robot.padded & ~beside_held & foreign
     common = _pushed(things(others), (robot,), clear)
     aside = {}
     # of the grasp that the object is in its own points tell how deep any of them lie
     spread = 2.0 * min((look.deepest() for look in of_grasps.values()), default=np.inf)
-    foreign = ~of_robot.own()
     for look in of_grasps.values():
         foreign &= look.apart > spread
     # with the object in one grasp only what lies on it there is its own
