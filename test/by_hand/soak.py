@@ -8,18 +8,11 @@ always the same world, so that whatever is published can be checked. Every line 
 is not as it should be is named at its end, and then the exit code is 1.
 """
 
-import os
-
-from helpers.domains import claimed_domain
-
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-if "ROS_DOMAIN_ID" not in os.environ:
-    os.environ["ROS_DOMAIN_ID"] = claimed_domain()
-
 import argparse
 import functools
 import json
 import multiprocessing
+import os
 import signal
 import sys
 import tempfile
@@ -33,14 +26,12 @@ import pinocchio as pin
 import psutil
 import rclpy
 from geometry_msgs.msg import Point
+from helpers.domains import claimed_domain
 from helpers.fakes import Spinning, said
 from helpers.published import pose_of, solution_of, task_of
 from helpers.system import NODE, OBJECT, SCENE, start_node, wait
 from helpers.tasks import yumi_checker
-from rcl_interfaces.srv import (
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -342,6 +333,7 @@ class Watcher(Node):
     Attributes:
         order: held by whoever changes what runs or what stands.
         last: the newest run.
+        nodes: of the name that is called, at most at a time.
         standing: poses of what stands, by run.
         poses: of solutions heard, by run and number.
         checks: of these, by their key.
@@ -351,7 +343,7 @@ class Watcher(Node):
     def __init__(self):
         super().__init__("watcher")
         self.order = threading.Lock()
-        self.last = None
+        self.last, self.nodes = None, 0
         self.standing, self.poses, self.checks, self.faults = {}, {}, {}, []
         self._runs, self._objectives = {}, {}
         self._hearing = Subscriptions(self, NODE, None, News())
@@ -386,6 +378,8 @@ class Watcher(Node):
         return [f"{key}: {'; '.join(said)}" for key, said in found.items() if said]
 
     def _look(self):
+        # each would do what is called for, and the first answer counts
+        self.nodes = max(self.nodes, self.count_services(f"{NODE}/start_with"))
         for run in list(self._runs)[-2:]:
             newest = self._hearing.solution(int(run))
             for number in range(1, 1 + (0 if newest is None else newest.number)):
@@ -456,6 +450,7 @@ def faults_of(report, short):
         "contradictions": report["contradictions"],
         "tracebacks": report["tracebacks"],
         "no solution was seen": report["solutions"] == 0,
+        "other nodes answered, too": report["nodes"] - 1,
         f"memory grew by more than {limit:.0%}": report["memory_growth"] > limit,
         "threads became more": report["threads"][1] > report["threads"][0] + more,
         "descriptors became more": report["descriptors"][1] > report["descriptors"][0] + more,
@@ -513,6 +508,7 @@ def _soak(process, seconds, clients, seeds):
         "minutes": round(lasted / 60.0, 2),
         "calls": sum(caller.calls for caller in callers),
         "unanswered": [service for caller in callers for service in caller.unanswered],
+        "nodes": watcher.nodes,
         "runs": len(watcher._runs),
         "solutions": len(watcher.checks),
         "refused": watcher.refused(),
@@ -528,6 +524,8 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--log", type=Path, help="folder to leave the node's log in")
     options = parser.parse_args()
+    # a domain that was given may be one that a test claims, whose node would answer, too
+    os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": claimed_domain()}
     with tempfile.TemporaryDirectory() as scratch:
         folder = options.log or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
