@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.explanation.explanation import Remedy, Search
 from placement_planner_ros.core.explanation.surfaces import slope_to_allow
 from placement_planner_ros.core.grasp.settings import GraspSettings
@@ -135,8 +136,9 @@ def demands(search: Search) -> dict[str, str]:
             told[side] = "leave it out, choose another direction, or more tolerance"
     if grasp.tilt is not None:
         told["max_tilt"] = f"raise it, or leave it out: {grasp.tilt.most:.3f} rad are set"
-    if search.poses.required is not None:
-        told["required"] = "leave some out, or lower `at_least`"
+    if (required := search.poses.required) is not None:
+        below = listed([f"{name} of at least {least:g}" for name, _, least in required.terms_asked])
+        told["required"] = f"leave some out, or lower `at_least`: {below} is asked"
     return told
 
 
