@@ -53,8 +53,10 @@ def structured_points(message: PointCloud2) -> npt.NDArray[Any]:
         raise CloudError("cloud row_step", row_step, words)
     # the last row need not be padded
     needed = (height - 1) * row_step + width * step
-    if len(message.data) < needed:
-        words = f"{height} x {width} points need {needed}"
+    spare = len(message.data) - needed
+    # a row that is followed by a whole point has more points than it says, or longer ones
+    if spare < 0 or (height == 1 and spare >= step):
+        words = f"{height} x {width} points of point_step {step} are {needed}"
         raise CloudError("cloud data", f"{len(message.data)} bytes", words)
     data = memoryview(message.data)
     return np.ndarray((height, width), layout, data, strides=(row_step, step))

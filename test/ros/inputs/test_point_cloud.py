@@ -81,6 +81,7 @@ def broken(**changes):
     ("message", "named"),
     [
         (broken(data=b"\0" * 35), "data"),
+        (broken(data=b"\0" * 48), "data"),
         (broken(width=4), "data"),
         (broken(height=2, row_step=12), "row_step"),
         (broken(point_step=8), "field z"),
