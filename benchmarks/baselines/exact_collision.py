@@ -22,8 +22,8 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, object_solids
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Arm
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 

@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from benchmarks.robots.triangles import Boxes, TriangleRobot
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import Arm, MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Array
 

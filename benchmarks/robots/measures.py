@@ -50,7 +50,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import Array, Placement

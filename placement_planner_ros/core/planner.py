@@ -57,6 +57,7 @@ from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.timing.timing import CurveSettings
 from placement_planner_ros.core.timing.trajectory_maker import (
     TimingSettings,
     TrajectoryMaker,
@@ -223,6 +224,7 @@ class PlannerSettings(Settings):
             self.retreat,
             self.require_retreat,
             self.tilt,
+            CurveSettings().chord_tolerance,
         )
 
 

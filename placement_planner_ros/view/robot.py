@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.robot.description import read_urdf
+from placement_planner_ros.core.robot.description import build_model, read_urdf
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view.robot_shapes import FindFile, link_shapes
 
@@ -30,13 +30,11 @@ class ShownRobot:
     """
 
     def __init__(self, urdf: str, find: FindFile) -> None:
-        description = read_urdf(urdf)
-        self._model = description.build_model()
+        root, joints, _ = read_urdf(urdf)
+        self._model = build_model(root)
         self._data = self._model.createData()
         # joints that follow others are computed from these
-        self._mimics = {
-            name: joint.mimic for name, joint in description.joints.items() if joint.mimic
-        }
+        self._mimics = {name: joint.mimic for name, joint in joints.items() if joint.mimic}
         self.root = str(self._model.frames[1].name)
         self._links = {
             str(frame.name): index
@@ -48,7 +46,7 @@ class ShownRobot:
             str(name): int(joint.idx_q)
             for name, joint in zip(self._model.names, self._model.joints, strict=True)
         }
-        self.shapes, self.lacking = link_shapes(description, find)
+        self.shapes, self.lacking = link_shapes(root, find)
 
     def has_link(self, name: str) -> bool:
         """Whether the robot has a link of that name."""

@@ -12,7 +12,6 @@ import trimesh
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
-from placement_planner_ros.core.robot.description import Description
 from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
@@ -22,12 +21,12 @@ Surface = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (n, 3), metres, and triangles (t, 3)."""
 
 
-def link_shapes(description: Description, find: FindFile) -> tuple[dict[str, Surface], list[str]]:
+def link_shapes(urdf: ET.Element, find: FindFile) -> tuple[dict[str, Surface], list[str]]:
     """Of each link with collision elements that can be drawn its surface, by its name and in its
     frame, and in words what cannot."""
     shapes: dict[str, Surface] = {}
     lacking = []
-    for link in description.root.findall("link"):
+    for link in urdf.findall("link"):
         name, elements = link.get("name", ""), link.findall("collision")
         if not elements:
             continue

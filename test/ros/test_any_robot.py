@@ -174,8 +174,8 @@ def test_what_is_barely_beyond_a_limit_is_planned_from_there_and_told(bench):
     stand(b, lift=-0.0008, pan=2.5)
     answer = b.call("start")
     assert answer.code == "OK", answer.text
-    assert "lift = -0.0008 is beyond its limits [0, 0.3]: taken to be at the limit" in answer.words
-    assert "pan = 2.5 is beyond" in answer.words, "of no arm, so no reason to refuse"
+    assert "lift = -0.0008 is 0.0008 beyond its limits [0, 0.3]: taken to be at" in answer.words
+    assert "pan = 2.5 is 1 beyond" in answer.words, "of no arm, so no reason to refuse"
     b.wait(lambda: b.snapshots)
     (snapshot,) = b.snapshots
     assert snapshot.q_start[snapshot.robot.index("lift")] == 0.0

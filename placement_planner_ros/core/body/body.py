@@ -123,10 +123,13 @@ class Body:
         fault = "the mesh is not closed: it counts as a sheet without an inside"
         warnings = [fault] if open_ else []
         # Where the mass is: of any density it has its centre within the hull.
+        size = 0.5 * settings.voxel_size
         if center_of_mass is not None:
             center, whose = checked_center(center_of_mass, scale), "as given"
         else:
-            center, whose = _center_of_mass(solids, hull, settings)
+            center, whose = center_of_union(solids, hull, size), "of uniform density"
+            if not (hull.normals @ center <= hull.offsets).all():  # also where it is NaN
+                center, whose = center_of_union(hull.corners, hull, size), "of its hull"
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > SINGLE_ROUNDING:
             raise ObjectError(
@@ -165,16 +168,6 @@ class Body:
             ),
             flatness=settings.flatness,
         )
-
-
-def _center_of_mass(solids: Array, hull: ConvexPart, settings: BodySettings) -> tuple[Array, str]:
-    """(3,) that of closed surfaces (s, 3, 3) of uniform density, which may overlap, and what it is
-    taken from, in words: where there are none, or they cancel out, from the hull."""
-    size = 0.5 * settings.voxel_size
-    center = center_of_union(solids, hull, size)
-    if float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:  # not where it is NaN
-        return center, "of uniform density"
-    return center_of_union(hull.corners, hull, size), "of its hull"
 
 
 def _size_in_words(points: Array, scale: float) -> str:

@@ -57,18 +57,17 @@ def cover_tolerance(vertices: Array) -> float:
     return 0.5 * COVER_TOLERANCE_M if small else COVER_TOLERANCE_M
 
 
-def convex_cover(vertices: Array, triangles: Triangles, tolerance: float | None = None) -> Cover:
-    """Cover a mesh by at most `MAX_PARTS` convex parts; `stoppable`.
+def convex_cover(vertices: Array, triangles: Triangles) -> Cover:
+    """Cover a mesh by at most `MAX_PARTS` convex parts, which reach beyond it by `cover_tolerance`,
+    or further where it needs too many; `stoppable`.
 
     Args:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
-        tolerance: metres that parts may reach beyond the mesh, more where it needs too many parts;
-            None: `cover_tolerance`.
     """
     components = Components.of(vertices, triangles)
     # Cut until every piece is near the mesh.
-    cells = MeshCells(components.corners, tolerance or cover_tolerance(vertices))
+    cells = MeshCells(components.corners, cover_tolerance(vertices))
     hulls, far = _cut_hulls(components.corners, cells)
     # Join what stays near it; where too many are left, let them reach further.
     hulls = _joined_pairs(hulls, far)

@@ -1,8 +1,7 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
 The kernels say free only where that is certain. What lies within `separation.BOUND_TOLERANCE_M` of
-a margin, or on the polytope around a curved shape, is not free: `free` is never true nearer than
-the margin.
+a margin is not free: `free` is never true nearer than the margin.
 """
 
 from __future__ import annotations
@@ -39,9 +38,8 @@ from placement_planner_ros.core.collision.shapes import Shape, link_shapes
 from placement_planner_ros.core.collision.solids import PLACED_JOINT, CollisionBody
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.arm import Arm, MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, kernel_input
@@ -179,9 +177,7 @@ class ArmCollision:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
 
         True is certain. False means a collision, or a distance so close to the margin (some
-        `separation.BOUND_TOLERANCE_M`) that it is not certain; cylinders and cones count as the
-        prisms around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 %
-        wider.
+        `separation.BOUND_TOLERANCE_M`) that it is not certain.
 
         Args:
             contact: leave out the held object against the obstacle set.
@@ -275,11 +271,6 @@ class ArmCollision:
         if not free or not contact or self._aside is None:
             return bool(free)
         return self._aside.edge_free(a, b, deviation=deviation, reserve=reserve)
-
-    def explain(self, q: Array, reserve: float = 0.0, contact: bool = False) -> str:
-        """Which link meets what, and where, at q (dof,); '' where it is free."""
-        found = self.meeting(q, reserve, contact)
-        return "" if found is None else str(found)
 
     def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""

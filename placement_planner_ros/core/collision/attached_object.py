@@ -68,7 +68,4 @@ def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
 @weak_lru_cache("body", maxsize=4)
 def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
-    links = [thing.geometry for thing in robot.geometry.geometryObjects]
-    solids = object_solids(body)
-    meshes = [*robot.meshes, *(solid.mesh for solid in solids)]
-    return Overlaps([*links, *(solid.geometry for solid in solids)], meshes)
+    return Overlaps(robot, [(solid.geometry, solid.mesh) for solid in object_solids(body)])

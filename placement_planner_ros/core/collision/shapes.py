@@ -2,8 +2,7 @@
 
 A convex set is the hull of its vertices, dilated by a radius (a sphere is one dilated point, a
 capsule two). A mesh (the robot model has already made convex ones into polytopes) is covered by a
-few sets that contain it, and has its triangles beside them. Curved shapes without such a form
-(cylinder, cone, ellipsoid) are taken for a polytope that encloses them.
+few sets that contain it, and has its triangles beside them.
 """
 
 from __future__ import annotations
@@ -24,8 +23,6 @@ from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
-
-_ROUND_SIDES = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,23 +159,11 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
         vertices = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * geometry.halfSide
     elif isinstance(geometry, coal.ConvexBase):
         vertices = np.array([geometry.point(i) for i in range(geometry.num_points)])
-    elif isinstance(geometry, coal.Cylinder):
-        rim = _circumscribed_polygon(geometry.radius)
-        up = np.array([0.0, 0.0, geometry.halfLength])
-        vertices = np.vstack([rim - up, rim + up])
-    elif isinstance(geometry, coal.Cone):
-        rim = _circumscribed_polygon(geometry.radius)
-        up = np.array([0.0, 0.0, geometry.halfLength])
-        vertices = np.vstack([rim - up, up])
-    elif isinstance(geometry, coal.Ellipsoid):
-        ball = trimesh.creation.icosphere(subdivisions=2)
-        inscribed = np.min(np.einsum("ij,ij->i", ball.face_normals, ball.triangles_center))
-        vertices = np.asarray(ball.vertices) / inscribed * geometry.radii
     else:
         raise RobotError(
             f"collision geometry of {name}",
             type(geometry).__name__,
-            "use boxes, cylinders, spheres, capsules, cones, ellipsoids or meshes",
+            "use boxes, spheres, capsules or polytopes",
         )
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
@@ -190,12 +175,6 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
             f"{len(vertices)} vertices without volume",
             "give every side a length above zero",
         ) from error
-
-
-def _circumscribed_polygon(radius: float) -> Array:
-    angles = np.arange(_ROUND_SIDES) * (2 * np.pi / _ROUND_SIDES)
-    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND_SIDES)], axis=1)
-    return np.asarray(rim * (radius / np.cos(np.pi / _ROUND_SIDES)))
 
 
 def _require_positive(name: str, radius: float) -> None:

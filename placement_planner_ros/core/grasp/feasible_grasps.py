@@ -18,20 +18,14 @@ from placement_planner_ros.core.grasp.start_state_check import (
     Fault,
     StartRules,
     StartState,
-    beyond_limits,
-    met_environment,
     none_usable,
 )
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.arm import Arm, MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
-
-_LIMIT_INSET_RAD_OR_M = 1e-3
-"""rad or m, how far within the joint limits configurations are planned."""
 
 
 def usable_holdings(
@@ -45,64 +39,37 @@ def usable_holdings(
     """
     body, environment = problem.body, problem.environment
     keep_out = environment.keep_out if len(environment.keep_out) else None
+    rules = StartRules(settings.collision, environment, settings.tilt, keep_out)
+    state = StartState(problem.robot, problem.q_start, body, rules)
     holdings: list[list[Holding]] = []
-    faults: list[Fault] = []
-    bad_grasps: list[GraspError] = []
+    faults: list[Fault | GraspError] = []
     for arm in problem.arms:
-        holdings.append([])
-        # q_0 must lie within the arm's limits.
-        beyond = beyond_limits(arm, problem.q_start)
-        if beyond is not None:
-            faults.append(beyond.of(arm.name))
+        step(f"looking where arm {arm.name} begins")
+        usable, wrong = state.usable_grasps(arm)
+        faults += wrong
+        of_arm: list[Holding] = []
+        holdings.append(of_arm)
+        if not usable:
             continue
         # What every grasp of the arm shares.
-        step(f"making the open hand of arm {arm.name}")
-        arm = _within_limits(arm, problem.q_start[arm.q_index])
-        moving = MovingArm(problem.robot, arm, problem.q_start)
+        moving = _inset_arm(problem.robot, arm, problem.q_start, settings)
         open_hands: dict[int, OpenHand] = {}
-        for grasp in range(len(arm.grasps)):
+        for grasp in usable:
             step(f"making arm {arm.name} with grasp {grasp}")
+            held = AttachedObject(body, grasp)
+            pushed = opening_error(moving, held) if settings.require_retreat else None
+            if pushed is not None:
+                faults.append(pushed)
+                continue
             # The grasp with the obstacles that count for it; one open hand for each set of these.
             obstacles, aside = environment.obstacles_of(arm.name, grasp)
             if id(obstacles) not in open_hands:
                 open_hands[id(obstacles)] = OpenHand(moving, body, obstacles, settings)
-            open_hand, held = open_hands[id(obstacles)], AttachedObject(body, grasp)
-            rules = StartRules(settings.collision, obstacles, settings.tilt, keep_out)
-            placed = StartState(moving.robot, moving.q_rest, body, rules)
-            bad = _grasp_error(placed, moving, held, settings.require_retreat)
-            if bad is not None:
-                bad_grasps.append(bad)
-                continue
-            # Whether q_0 is free with the object held so.
-            holding = Holding(moving, held, obstacles, open_hand, settings, aside)
-            fault = placed.leans(arm, grasp) or placed.in_zones(arm, grasp)
-            if fault is None and not holding.collision.free(holding.q_start):
-                # What is not certain to be free may be so close to the margin that coal calls it
-                # free.
-                met = holding.collision.explain(holding.q_start)
-                fault = placed.of_arm(arm) or placed.of_grasp(arm, grasp)
-                fault = fault or met_environment(met, True, settings.collision.collision_margin)
-            if fault is None:
-                holdings[-1].append(holding)
-            else:
-                faults.append(fault.of(f"{arm.name} with grasp {grasp}"))
+            open_hand = open_hands[id(obstacles)]
+            of_arm.append(Holding(moving, held, obstacles, open_hand, settings, aside))
     if not any(holdings):
-        raise none_usable(faults, bad_grasps)
-    return holdings, (*map(str, bad_grasps), *map(str, faults))
-
-
-def _grasp_error(
-    placed: StartState, moving: MovingArm, held: AttachedObject, release: bool
-) -> GraspError | None:
-    """All that is wrong with a grasp, at once: the object lies in the hand, or could not be let go
-    wherever it stood."""
-    errors = [placed.object_in_hand(moving.arm, held.grasp)]
-    if release:
-        errors.append(opening_error(moving, held))
-    found = [error for error in errors if error is not None]
-    if not found:
-        return None
-    return GraspError(found[0].field, found[0].value, ". ".join(e.remedy for e in found))
+        raise none_usable(faults)
+    return holdings, tuple(map(str, faults))
 
 
 def lay_out_holdings(
@@ -119,7 +86,7 @@ def lay_out_holdings(
     q_start = robot.unwound(q_start)
     for arm in arms:
         with contextlib.suppress(PlacementPlannerError):
-            moving = MovingArm(robot, _within_limits(arm, q_start[arm.q_index]), q_start)
+            moving = _inset_arm(robot, arm, q_start, settings)
             open_hand = OpenHand(moving, body, nothing, settings)
             for grasp in range(len(arm.grasps)):
                 step(f"laying out arm {arm.name} with grasp {grasp}")
@@ -127,12 +94,10 @@ def lay_out_holdings(
                 Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
 
 
-def _within_limits(arm: Arm, q_start: Array) -> Arm:
-    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
-
-    A curve may stray from its chords by up to the timing's `chord_tolerance`.
-    """
-    inset = np.minimum(_LIMIT_INSET_RAD_OR_M, 0.25 * (arm.upper - arm.lower))
-    return arm.with_limits(
-        np.minimum(arm.lower + inset, q_start), np.maximum(arm.upper - inset, q_start)
-    )
+def _inset_arm(robot: Robot, arm: Arm, q_start: Array, settings: GraspSettings) -> MovingArm:
+    """The arm at q_0 (nq,), with limits drawn in, so that a timed curve between them stays within
+    the real ones."""
+    inset = np.minimum(settings.limit_inset, 0.25 * (arm.upper - arm.lower))
+    q = q_start[arm.q_index]
+    lower, upper = np.minimum(arm.lower + inset, q), np.maximum(arm.upper - inset, q)
+    return MovingArm(robot, arm.with_limits(lower, upper), q_start)

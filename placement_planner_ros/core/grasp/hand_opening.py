@@ -16,10 +16,9 @@ from placement_planner_ros.core.body.convex_part import hull_around, simpler_hul
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.attached_object import AttachedObject, object_overlaps
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.arm import Arm, MovingArm
 from placement_planner_ros.core.robot.geometry import convex_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array

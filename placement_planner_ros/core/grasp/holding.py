@@ -25,7 +25,7 @@ from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import lacks_directions
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Contact, Verdict
 

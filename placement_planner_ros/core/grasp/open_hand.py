@@ -26,7 +26,7 @@ from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, GraspSe
 from placement_planner_ros.core.grasp.straight_down import UP
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -73,7 +73,7 @@ class OpenHand:
     ) -> None:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
         # The arm with its hand open, and with what it sweeps by opening.
-        opened = moving.with_open_hand()
+        opened = replace(moving, q_rest=robot.with_open_hand(moving.q_rest, arm))
         self._arm = arm
         self._settings = settings.retreat
         self._reserve = collision.planning_reserve

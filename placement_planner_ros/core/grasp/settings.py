@@ -69,6 +69,7 @@ class GraspSettings:
     Attributes:
         require_retreat: whether a placement without release and retreat counts for nothing.
         tilt: by how much the held object may lean; None for any.
+        limit_inset: rad or m, how far within the joint limits configurations are planned.
     """
 
     collision: CollisionSettings = field(default_factory=CollisionSettings)
@@ -77,3 +78,4 @@ class GraspSettings:
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     require_retreat: bool = True
     tilt: TiltLimit | None = None
+    limit_inset: float = 0.0

@@ -1,13 +1,13 @@
 """The check of the start: limits, self-collision, tilt and collision at q_0.
 
 By coal alone: in milliseconds, for any robot, and before anything is compiled or covered with
-spheres. `usable_holdings` asks it why, where q_0 is not certain to be free.
+spheres. The search begins with what it leaves.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
@@ -31,8 +31,10 @@ from placement_planner_ros.core.errors import (
 from placement_planner_ros.core.grasp.hand_opening import grasp_error
 from placement_planner_ros.core.robot.allowed_pairs import sorted_pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.joint_space import limit_violations
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import meet
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -41,6 +43,10 @@ WITH_CLOUDS = "in collision with the clouds"
 """How a collision with the obstacle set begins, in words."""
 
 MOVE_ROBOT = "move the robot to where it keeps collision_margin with the object in hand"
+BACK_IN_LIMITS = (
+    "move these joints back between their limits, raise start_limit_tolerance where they are "
+    "barely beyond, or correct the limits in the URDF",
+)
 CHECK_GRASP = "check grasps and `scale`, as the held object is in the way"
 FILTER_ITSELF = "where these are points of the robot or of the object, leave them out: `own points`"
 
@@ -73,13 +79,13 @@ class StartRules:
     """What is kept at q_0.
 
     Attributes:
-        obstacles: the environment; None where it is not known yet.
+        environment: None where it is not known yet.
         tilt: by how much the held object may lean; None for any.
         keep_out: (k, 2, 3) corners of boxes that nothing which moves may be in.
     """
 
     collision: CollisionSettings = field(default_factory=CollisionSettings)
-    obstacles: ObstacleSet | None = None
+    environment: Environment | None = None
     tilt: TiltLimit | None = None
     keep_out: Array | None = None
 
@@ -93,26 +99,12 @@ def faults_at_start(
         StartError: q_0 is wrong for every arm and grasp.
         GraspError: in every grasp the object overlaps the hand.
     """
-    faults: list[Fault] = []
-    bad_grasps: list[GraspError] = []
-    usable = 0
-    placed = StartState(robot, q_start, body, rules)
-    for arm in arms:
-        # What the arm meets wherever the object is held.
-        of_arm = placed.of_arm(arm)
-        if of_arm is not None:
-            faults.append(of_arm.of(arm.name))
-        for grasp in range(len(arm.grasps)):
-            bad = placed.object_in_hand(arm, grasp)
-            found = None if of_arm or bad else placed.of_grasp(arm, grasp)
-            if bad is not None:
-                bad_grasps.append(bad)
-            elif found is not None:
-                faults.append(found.of(f"{arm.name} with grasp {grasp}"))
-            usable += of_arm is None and bad is None and found is None
-    if not usable:
-        raise none_usable(faults, bad_grasps)
-    return (*map(str, bad_grasps), *map(str, faults))
+    state = StartState(robot, q_start, body, rules)
+    found = [state.usable_grasps(arm) for arm in arms]
+    faults = [fault for _, of_arm in found for fault in of_arm]
+    if not any(usable for usable, _ in found):
+        raise none_usable(faults)
+    return tuple(map(str, faults))
 
 
 def in_degrees(angle: float) -> str:
@@ -120,98 +112,85 @@ def in_degrees(angle: float) -> str:
     return f"{math.degrees(angle):.1f}° ({angle:.4g} rad)"
 
 
-def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementPlannerError:
+def none_usable(faults: Sequence[Fault | GraspError]) -> PlacementPlannerError:
     """What to raise where no arm and grasp is left."""
-    if not faults:
-        return bad_grasps[0]
+    of_start = [fault for fault in faults if isinstance(fault, Fault)]
+    if not of_start:
+        return next(fault for fault in faults if isinstance(fault, GraspError))
     # All faults in one sentence, and every remedy once.
-    remedies = dict.fromkeys(remedy for fault in faults for remedy in fault.remedies)
-    words = [*(fault.words for fault in faults), *map(str, bad_grasps)]
+    remedies = dict.fromkeys(remedy for fault in of_start for remedy in fault.remedies)
+    words = [fault.words if isinstance(fault, Fault) else str(fault) for fault in faults]
     return StartError("`q_start`", listed(words, "; ", 4), "; ".join(remedies))
-
-
-def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
-    """Which of the arm's joints are beyond their limits at q_0 (nq,), and how far."""
-    beyond = []
-    # Joints beyond their limits, but for those that turn without end.
-    for joint, q, lower, upper in zip(
-        arm.joints, q_start[arm.q_index].tolist(), arm.lower, arm.upper, strict=True
-    ):
-        if joint in arm.continuous or lower <= q <= upper:
-            continue
-        side, limit = ("lower", lower) if q < lower else ("upper", upper)
-        beyond.append(
-            f"{joint} = {q:.4f} is not in [{lower:.4f}, {upper:.4f}], {abs(q - limit):.4g} beyond "
-            f"its {side} limit"
-        )
-    if not beyond:
-        return None
-    return Fault(
-        f"beyond the joint limits: {listed(beyond)}",
-        (
-            "move these joints back between their limits, raise start_limit_tolerance where they "
-            "are barely beyond, or correct the limits in the URDF",
-        ),
-    )
-
-
-def met_environment(met: str, near: bool, margin: float) -> Fault:
-    """The fault of what meets the clouds, in words.
-
-    Args:
-        near: whether it does so only within the margin (metres) around it.
-    """
-    if not near:
-        return Fault(f"{WITH_CLOUDS}: {met}", (MOVE_ROBOT, FILTER_ITSELF))
-    within = f"{met}, nearer than collision_margin = {margin:g} m without touching it"
-    return Fault(f"{WITH_CLOUDS}: {within}", ("lower collision_margin", MOVE_ROBOT, FILTER_ITSELF))
 
 
 class StartState:
     """The robot's geometries and the object in hand at one configuration (nq,)."""
 
     def __init__(self, robot: Robot, q: Array, body: Body, rules: StartRules) -> None:
-        self._robot, self._q, self._rules = robot, q, rules
+        self._robot, self._q, self._rules = robot, robot.unwound(q), rules
         self._data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, self._data, q)
+        pin.framesForwardKinematics(robot.model, self._data, self._q)
         # Shapes of the links, then of the object.
         self._overlaps = object_overlaps(robot, body)
-        self._places = robot.geometry_poses(q)
+        self._places = robot.geometry_poses(self._q)
         self._solids = range(len(self._places), len(self._overlaps.shapes))
 
-    def of_arm(self, arm: Arm) -> Fault | None:
-        """What is wrong with the arm wherever the object is held; None where nothing."""
+    def usable_grasps(self, arm: Arm) -> tuple[list[int], list[Fault | GraspError]]:
+        """The grasps of an arm with which it can begin here, and what is wrong with the others."""
+        # What is wrong wherever the object is held.
         joints, moved = _carrying_joints(self._robot, arm), self._moved_by(arm)
-        met = beyond_limits(arm, self._q) or self._met_itself(joints)
-        return met or self._met_zones(moved) or self._met_boxes(moved)
+        of_arm = self._beyond_limits(arm) or self._met_itself(joints) or self._met_zones(moved)
+        if of_arm is not None:
+            return [], [of_arm.of(arm.name)]
+        # Each grasp, with the obstacles that count for it.
+        usable: list[int] = []
+        faults: list[Fault | GraspError] = []
+        met: dict[int, Fault | None] = {}
+        for grasp in range(len(arm.grasps)):
+            obstacles = self._obstacles_of(arm, grasp)
+            if id(obstacles) not in met:
+                met[id(obstacles)] = self._met_boxes(moved, obstacles)
+            bad = self._object_in_hand(arm, grasp)
+            found = met[id(obstacles)] or self._of_grasp(arm, grasp, obstacles)
+            if bad is not None:
+                faults.append(bad)
+            elif found is not None:
+                faults.append(found.of(f"{arm.name} with grasp {grasp}"))
+            else:
+                usable.append(grasp)
+        return usable, faults
 
-    def of_grasp(self, arm: Arm, grasp: int) -> Fault | None:
+    def _beyond_limits(self, arm: Arm) -> Fault | None:
+        """Which of the arm's joints are beyond their limits, and how far."""
+        q = self._q[arm.q_index]
+        beyond = limit_violations(arm.joints, q, arm.lower, arm.upper)
+        words = f"beyond the joint limits: {listed(beyond)}"
+        return Fault(words, BACK_IN_LIMITS) if beyond else None
+
+    def _obstacles_of(self, arm: Arm, grasp: int) -> ObstacleSet | None:
+        environment = self._rules.environment
+        return None if environment is None else environment.obstacles_of(arm.name, grasp)[0]
+
+    def _of_grasp(self, arm: Arm, grasp: int, obstacles: ObstacleSet | None) -> Fault | None:
         """What is wrong with how the object is held: it leans, or meets a link that is not of the
         hand, or the environment."""
         T = self._object_at(arm, grasp)
-        things, link = self._held_at(T), self._met_by_object(arm, T)
+        link = self._met_by_object(arm, T)
+        things = [(HELD_OBJECT, j, T) for j in self._solids]
         words = f"in self-collision: {HELD_OBJECT} meets {link}"
         return (
-            self.leans(arm, grasp)
+            self._leans(arm, grasp)
             or (Fault(words, (CHECK_GRASP, MOVE_ROBOT)) if link else None)
             or self._met_zones(things)
-            or self._met_boxes(things)
+            or self._met_boxes(things, obstacles)
         )
-
-    def in_zones(self, arm: Arm, grasp: int) -> Fault | None:
-        """What of arm and held object is in a box to keep out of, whose sides may be far away."""
-        things = self._held_at(self._object_at(arm, grasp))
-        return self._met_zones([*self._moved_by(arm), *things])
 
     def _moved_by(self, arm: Arm) -> list[_Thing]:
         """The geometries that the arm moves."""
         moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
         return [(self._robot.geometry_links[i], i, self._places[i]) for i in moved]
 
-    def _held_at(self, T: pin.SE3) -> list[_Thing]:
-        return [(HELD_OBJECT, j, T) for j in self._solids]
-
-    def leans(self, arm: Arm, grasp: int) -> Fault | None:
+    def _leans(self, arm: Arm, grasp: int) -> Fault | None:
         """By how much more than it may the held object leans."""
         limit = self._rules.tilt
         tilt = limit.tilt(self._object_at(arm, grasp).rotation) if limit is not None else 0.0
@@ -226,7 +205,7 @@ class StartState:
             ),
         )
 
-    def object_in_hand(self, arm: Arm, grasp: int) -> GraspError | None:
+    def _object_in_hand(self, arm: Arm, grasp: int) -> GraspError | None:
         """The object overlaps links of the hand that it may not touch."""
         depths: dict[str, float] = {}
         T = self._object_at(arm, grasp)
@@ -319,15 +298,19 @@ class StartState:
         remedies = "make the boxes of keep_out smaller", MOVE_ROBOT
         return Fault(f"q_0 is not free: {words}", remedies)
 
-    def _met_boxes(self, things: list[_Thing]) -> Fault | None:
-        """Which of the things meets the environment."""
-        rules, margin = self._rules, self._rules.collision.collision_margin
-        if rules.obstacles is None:
+    def _met_boxes(self, things: list[_Thing], obstacles: ObstacleSet | None) -> Fault | None:
+        """Which of the things meets the environment, or comes nearer than its margin."""
+        margin = self._rules.collision.collision_margin
+        if obstacles is None:
             return None
-        boxes = rules.obstacles.lower, rules.obstacles.upper
+        boxes = obstacles.lower, obstacles.upper
         met = self._first_met(*boxes, things, margin)
         touching = self._first_met(*boxes, things, 0.0) if met else ""
-        return met_environment(touching or met, not touching, margin) if met else None
+        if touching:
+            return Fault(f"{WITH_CLOUDS}: {touching}", (MOVE_ROBOT, FILTER_ITSELF))
+        within = f"{met}, nearer than collision_margin = {margin:g} m without touching it"
+        remedies = "lower collision_margin", MOVE_ROBOT, FILTER_ITSELF
+        return Fault(f"{WITH_CLOUDS}: {within}", remedies) if met else None
 
     def _first_met(self, lower: Array, upper: Array, things: list[_Thing], margin: float) -> str:
         """The first of the things that comes as near to one of the boxes (m, 3), in words; ''

@@ -29,8 +29,9 @@ NEARBY = 3
 """Joints between two links up to which their meshes may overlap at the zero pose though the links
 never meet: covers, bearings and cables are drawn larger than they are."""
 
-Reason = Literal["Adjacent", "Always", "Default"]
-"""Why a pair is left out, as an SRDF says it: neighbours, overlap always, or at the zero pose."""
+Reason = Literal["Adjacent", "Always", "Default", "User"]
+"""Why a pair is left out, as an SRDF says it: neighbours, overlap always, or at the zero pose; of
+what an SRDF leaves out itself always the last."""
 
 WORDS: dict[Reason, str] = {"Always": "always overlap", "Default": "overlap at the zero pose"}
 """Of reasons for which a true collision of the two would not be noticed."""
@@ -49,15 +50,15 @@ def srdf_line(links: Pair, reason: str = "User") -> str:
 
 def read_srdf(
     text: str, links: tuple[str, ...]
-) -> tuple[frozenset[Pair], frozenset[str], list[str]]:
+) -> tuple[dict[Pair, Reason], frozenset[str], list[str]]:
     """What an SRDF says of a robot with these links.
 
     Understands <disable_collisions>, <disable_default_collisions>, <enable_collisions> and
     <passive_joint>.
 
     Returns:
-        the pairs that self-collision checks leave out; joints that no motor drives; and what to
-        tell of links that the robot has not.
+        the pairs that self-collision checks leave out, sorted; joints that no motor drives; and
+        what to tell of links that the robot has not.
 
     Raises:
         RobotError: not an SRDF.
@@ -76,18 +77,14 @@ def read_srdf(
     unknown = sorted(silent.union(*given).difference(links))
     told = [f"the SRDF names links that the URDF has not: {listed(unknown)}"] if unknown else []
     passive = frozenset(e.get("name", "") for e in root.findall("passive_joint"))
-    return frozenset(pair for pair in disabled if set(pair) <= set(links)), passive, told
-
-
-def hidden_pairs(left_out: Mapping[Pair, Reason]) -> list[str]:
-    """In words those of the pairs whose true collisions would not be noticed, and why."""
-    return [f"{a} and {b} {WORDS[why]}" for (a, b), why in left_out.items() if why in WORDS]
+    known = sorted(pair for pair in disabled if set(pair) <= set(links))
+    return dict.fromkeys(known, "User"), passive, told
 
 
 def left_out_in_words(left_out: Mapping[Pair, Reason]) -> list[str]:
-    """What to say of pairs that were left out without an SRDF: neighbours are counted, the others
-    told one by one."""
-    hidden = hidden_pairs(left_out)
+    """What to say of pairs that were left out without an SRDF: neighbours are counted, the others,
+    whose true collisions would not be noticed, told one by one."""
+    hidden = [f"{a} and {b} {WORDS[why]}" for (a, b), why in left_out.items() if why in WORDS]
     plain = len(left_out) - len(hidden)
     words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
     remedy = "give `srdf` where these can really meet"
@@ -130,7 +127,7 @@ def derive_allowed_pairs(robot: Robot) -> dict[Pair, Reason]:
     model, rng = robot.model, np.random.default_rng(0)
     found: dict[Pair, Reason] = dict.fromkeys(_neighbouring_links(robot), "Adjacent")
     rows = shape_pairs(robot.geometry, robot.geometry_links, found)
-    overlaps, data = Overlaps.of(robot), model.createData()
+    overlaps, data = Overlaps(robot), model.createData()
 
     def meeting_at(q: Array) -> set[Pair]:
         # Shapes where the joints put them; balls around them first.

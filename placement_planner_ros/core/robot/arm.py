@@ -1,9 +1,11 @@
-"""An arm that could be holding the object: a chain of joints, a tip, grasps and a hand."""
+"""An arm that could be holding the object: a chain of joints, a tip, grasps and a hand; and the
+same as what moves while all else of its robot stands still."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,9 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import ROUNDING, Array, frozen_array
+
+if TYPE_CHECKING:
+    from placement_planner_ros.core.robot.model import Robot
 
 
 def follow_masters(ties: Array, Q: Array) -> Array:
@@ -37,9 +42,8 @@ class Arm:
         lower, upper: (dof,) joint limits, rad or m.
         velocity: (dof,) velocity limits, rad/s or m/s.
         acceleration: (dof,) acceleration limits, rad/s² or m/s², stated or assumed.
-        continuous: those of `joints` that turn without end stops.
-        turnable: those, and the ones that turn two times around or more: what such a joint reaches
-            it reaches in another turn, too.
+        turnable: those of `joints` that turn two times around or more, or without end: what such
+            a joint reaches it reaches in another turn, too.
         ties: (k, 4) a row for each joint that follows another one of the arm: its place in
             `joints`, that of the other, factor and offset. Of such joints limits fit each other.
     """
@@ -56,7 +60,6 @@ class Arm:
     upper: Array
     velocity: Array
     acceleration: Array
-    continuous: tuple[str, ...] = ()
     turnable: tuple[str, ...] = ()
     ties: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
@@ -123,3 +126,32 @@ class Arm:
         fewest, most = np.ceil((Q - self.upper) / turn), np.floor((Q - self.lower) / turn)
         turns = np.clip(np.round((Q - q) / turn), fewest, np.maximum(most, fewest))
         return np.where(np.isin(self.joints, self.turnable), Q - turn * turns, Q)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingArm:
+    """One arm of a robot that moves while all other joints stay where they are.
+
+    Attributes:
+        robot, arm: whose.
+        q_rest: (nq,) joints of the whole robot; for most questions those of the arm do not matter.
+    """
+
+    robot: Robot
+    arm: Arm
+    q_rest: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q_rest", frozen_array(self.q_rest, (self.robot.model.nq,)))
+
+    @property
+    def q(self) -> Array:
+        """(dof,) the arm's part of `q_rest`."""
+        return np.asarray(self.q_rest[self.arm.q_index])
+
+    @property
+    def q_zero(self) -> Array:
+        """(nq,) `q_rest` with the arm's joints at zero: what everything but the arm depends on."""
+        q = np.array(self.q_rest)
+        q[self.arm.q_index] = 0.0
+        return q

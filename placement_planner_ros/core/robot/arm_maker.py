@@ -12,8 +12,7 @@ import trimesh
 
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.geometry import MAX_EXTENT
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import ROUNDING, SINGLE_ROUNDING, Array
 
 if TYPE_CHECKING:
     from placement_planner_ros.core.robot.model import Robot
@@ -66,7 +65,9 @@ def derive_arm(
         if not robot.has_link(link):
             raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
     # The arm, with limits that fit each other.
-    index, turnable = [robot.index(joint) for joint in joints], robot.turnable
+    index = [robot.index(joint) for joint in joints]
+    around = robot.upper - robot.lower >= 4.0 * np.pi - ROUNDING
+    endless = set(np.array(robot.joint_names)[around]) - robot.prismatic - robot.coupled
     arm = Arm(
         name=name,
         tip_frame=tip_frame,
@@ -80,8 +81,7 @@ def derive_arm(
         upper=robot.upper[index],
         velocity=robot.velocity_limits[index],
         acceleration=robot.acceleration_limits[index],
-        continuous=tuple(joint for joint in joints if joint in robot.continuous),
-        turnable=tuple(joint for joint in joints if joint in turnable),
+        turnable=tuple(joint for joint in joints if joint in endless),
         ties=ties,
     )
     return arm.with_limits(arm.lower, arm.upper)
@@ -117,9 +117,13 @@ def _moves_shapes(robot: Robot, joint: str) -> bool:
 
 def _hand_links(robot: Robot, tip_frame: str) -> list[str]:
     frames, frame = robot.model.frames, robot.frame_id(tip_frame)
-    # Up as long as nothing has geometry and no joint is passed.
+    # Up as long as nothing has geometry and no joint is passed; frames come before what they carry.
     while True:
-        links, above = robot.carried_links(frame), frames[frame].parentFrame
+        carried, above = {frame}, frames[frame].parentFrame
+        carried.update(i for i in range(1, len(frames)) if frames[i].parentFrame in carried)
+        links = [
+            str(frames[i].name) for i in sorted(carried) if frames[i].type == pin.FrameType.BODY
+        ]
         moves = frames[above].parentJoint != frames[frame].parentJoint
         if moves or not set(links).isdisjoint(robot.geometry_links):
             return links
@@ -151,15 +155,13 @@ def _checked_gripper(
 
 
 def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
-    # A rigid transform not far from the tip.
+    # A rigid transform.
     try:
         T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
     except (TypeError, ValueError):
         T = np.empty(0)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4), all finite")
-    if np.abs(T[:3, 3]).max() > MAX_EXTENT:
-        raise GraspError(field, T[:3, 3].tolist(), f"is more than {MAX_EXTENT:g} m from the tip")
     # A mirror is rigid to trimesh, too.
     rigid = trimesh.transformations.is_rigid(T, epsilon=SINGLE_ROUNDING)
     if not rigid or np.linalg.det(T[:3, :3]) < 0.0:

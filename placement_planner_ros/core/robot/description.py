@@ -9,7 +9,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -17,12 +16,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import RobotError, listed
 from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit
 from placement_planner_ros.core.robot.joints import MOVABLE, Joint, read_joint
-from placement_planner_ros.core.robot.xml_fields import (
-    name_of,
-    read_floats,
-    read_origin,
-    read_xml,
-)
+from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin, read_xml
 
 MAX_PARTS = 1000
 """Links that a robot may have, and collision shapes: pairs of them are looked at."""
@@ -31,45 +25,40 @@ _KINEMATIC = ("parent", "child", "origin", "axis", "limit")
 """Parts of a joint that say where it is and how it moves."""
 
 
-@dataclass(frozen=True, slots=True)
-class Description:
-    """A URDF that is known to be sound.
+def build_model(root: ET.Element) -> pin.Model:
+    """Pinocchio's model of links and movable joints, one coordinate each.
 
-    Attributes:
-        root: the normalised XML tree.
-        joints: movable joints by name.
-        warnings: sentences on what was decided where the URDF was silent.
+    Args:
+        root: as `read_urdf` leaves it.
+
+    Raises:
+        RobotError: pinocchio refuses it.
     """
-
-    root: ET.Element
-    joints: dict[str, Joint]
-    warnings: tuple[str, ...]
-
-    def build_model(self) -> pin.Model:
-        """Pinocchio's model of links and movable joints, one coordinate each.
-
-        Raises:
-            RobotError: pinocchio refuses it.
-        """
-        # Links, and of joints what is kinematics: urdfdom refuses more than what is wrong there.
-        name = self.root.get("name", "")
-        bare = ET.Element("robot", name=name)
-        for link in self.root.findall("link"):
-            ET.SubElement(bare, "link", name=name_of(link))
-        for joint in self.root.findall("joint"):
-            copy = ET.SubElement(bare, "joint", name=name_of(joint), type=joint.get("type", ""))
-            copy.extend(part for part in joint if part.tag in _KINEMATIC)
-        try:
-            return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
-        except (RuntimeError, ValueError) as error:  # as C++ raises at what it is given
-            raise RobotError("`urdf`", name, f"is refused: {error}") from error
+    # Links, and of joints what is kinematics: urdfdom refuses more than what is wrong there.
+    bare = ET.Element("robot", name=root.get("name", ""))
+    for link in root.findall("link"):
+        ET.SubElement(bare, "link", name=link.get("name", ""))
+    for joint in root.findall("joint"):
+        named = {"name": joint.get("name", ""), "type": joint.get("type", "")}
+        copy = ET.SubElement(bare, "joint", named)
+        copy.extend(part for part in joint if part.tag in _KINEMATIC)
+    try:
+        return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
+    except (RuntimeError, ValueError) as error:  # as C++ raises at what it is given
+        raise RobotError("`urdf`", root.get("name"), f"is refused: {error}") from error
 
 
-def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Description:
+def read_urdf(
+    text: str, limits: Mapping[str, JointLimit] | None = None
+) -> tuple[ET.Element, dict[str, Joint], list[str]]:
     """Read URDF `text`.
 
     Args:
         limits: what else is stated of joints. The narrower range and the lower rates count.
+
+    Returns:
+        the normalised XML tree; movable joints by name; and sentences on what was decided where
+        the URDF was silent.
 
     Raises:
         RobotError: not XML, too much of it, not a tree of links, a joint of a kind or with a range
@@ -80,7 +69,7 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
     _check_tree(root)
     warnings = [*_unexpanded_xacro(root), *_rotations_as_rpy(root)]
     # Joints one by one, movable ones with their limits.
-    elements = {name_of(e): e for e in root.findall("joint")}
+    elements = {e.get("name", ""): e for e in root.findall("joint")}
     joints = {}
     for name, element in elements.items():
         read_origin(element, f"joint {name}")
@@ -96,7 +85,7 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
         names = listed(strangers)
         warnings.append(f"{FIELD} has limits of {names}, no movable joints of the URDF")
     warnings += _only_drawn(root)
-    return Description(root, joints, tuple(warnings))
+    return root, joints, warnings
 
 
 def _unexpanded_xacro(root: ET.Element) -> list[str]:
@@ -136,7 +125,7 @@ def _rotations_as_rpy(root: ET.Element) -> list[str]:
 def _only_drawn(root: ET.Element) -> list[str]:
     """A sentence on links that are to be seen but nothing to collision checks, if any."""
     drawn = [
-        name_of(link)
+        link.get("name", "")
         for link in root.findall("link")
         if link.find("visual") is not None and link.find("collision") is None
     ]
@@ -147,14 +136,15 @@ def _only_drawn(root: ET.Element) -> list[str]:
 
 def _check_tree(root: ET.Element) -> None:
     """Refuse what is not one tree of links with names of their own."""
-    # A second one of a name would stand in for the first.
-    links, joints = ([name_of(e) for e in root.findall(tag)] for tag in ("link", "joint"))
-    if not 0 < len(links) <= MAX_PARTS:
-        words = f"{len(links)} links"
-        raise RobotError("`urdf`", words, f"a robot has 1 to {MAX_PARTS}")
+    # Not too many, and names of their own: a second one of a name would stand in for the first.
+    links, joints = ([e.get("name", "") for e in root.findall(tag)] for tag in ("link", "joint"))
+    shapes = len(root.findall("link/collision"))
+    if not links or max(len(links), shapes) > MAX_PARTS:
+        words = f"{len(links)} links, {shapes} collision shapes"
+        raise RobotError("`urdf`", words, f"a robot has 1 to {MAX_PARTS} links, and as few shapes")
     for name, count in [*Counter(links).items(), *Counter(joints).items()]:
-        if count > 1:
-            raise RobotError("`urdf`", name, "occurs twice; names are unique")
+        if count > 1 or not name:
+            raise RobotError("`urdf`", name, "occurs twice, or is none; names are unique")
     # Each link below one joint at most, and all of them below the same root.
     parents: dict[str, str] = {}
     for name, joint in zip(joints, root.findall("joint"), strict=True):
@@ -179,5 +169,6 @@ def _end_of(joint: ET.Element, end: str, links: list[str]) -> str:
     element = joint.find(end)
     link = None if element is None else element.get("link")
     if link not in links:
-        raise RobotError(f"joint {name_of(joint)}: {end}", link, "name a link of this description")
+        field = f"joint {joint.get('name')}: {end}"
+        raise RobotError(field, link, "name a link of this description")
     return link

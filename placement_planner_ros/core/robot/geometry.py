@@ -3,9 +3,9 @@ polytopes, all other meshes as their triangles with a convex cover beside them."
 
 from __future__ import annotations
 
-import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -13,12 +13,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex
+from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker
 from placement_planner_ros.core.body.mesh_components import Triangles
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
-from placement_planner_ros.core.robot.description import MAX_PARTS
 from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
@@ -26,22 +25,14 @@ MAX_EXTENT = 15.0
 """m; a mesh larger than this is taken to be in millimetres: rails are up to 12 m long, and what a
 finger has in millimetres is more than 15 long."""
 
-PRIMITIVES = {
-    "box": (coal.Box, {"size": 3}),
-    "sphere": (coal.Sphere, {"radius": 1}),
-    "cylinder": (coal.Cylinder, {"radius": 1, "length": 1}),
-    "capsule": (coal.Capsule, {"radius": 1, "length": 1}),
-}
-"""URDF shape -> coal shape, and its attributes with how many numbers each holds."""
+PRISM_SIDES = 32
+"""Of the prism that stands for a cylinder: 0.5 % of its radius wider."""
 
 MAX_ALL_TRIANGLES = 1_000_000
-"""Triangles that all meshes of a robot may have together, each file counted once."""
+"""Triangles that all meshes of a robot may have together, each file and scale counted once."""
 
-PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
-"""Package name -> its share folder, or folders that hold packages or relative mesh paths."""
-
-_MeshKey = tuple[str, tuple[float, ...]] | None
-"""URI and scale of a mesh; None for a primitive."""
+PackageDirs = Mapping[str, str | Path]
+"""Package name -> its share folder; relative paths of meshes are looked for in all of them."""
 
 MeshReader = Callable[[str], tuple[Array, Triangles]]
 """Vertices (n, 3) and triangles (t, 3) of the mesh that a URI names; one of `UNREADABLE` says why
@@ -61,15 +52,10 @@ def build_geometry(
     Raises:
         RobotError: a geometry is empty, not finite, flat, in millimetres, too large or not found.
     """
-    # Not too many, and each file read once.
-    count = len(root.findall("link/collision"))
-    if count > MAX_PARTS:
-        words = f"is more than a robot may have, {MAX_PARTS}"
-        raise RobotError("`urdf`", f"{count} collision shapes", words)
-    meshes = _Meshes(files if callable(files) else functools.partial(_read_below, files))
+    meshes = _Meshes(files if callable(files) else partial(_read_below, files))
     geometry = pin.GeometryModel()
     links: list[str] = []
-    keys: list[_MeshKey] = []
+    shapes: list[coal.CollisionGeometry] = []
     notes: list[str] = []
     # Each shape of each link.
     for link in root.findall("link"):
@@ -78,7 +64,7 @@ def build_geometry(
         frame = model.frames[frame_id]
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
-            shape, key = _read_shape(element, field, meshes)
+            shape = _read_shape(element, field, meshes)
             if shape is None:
                 notes.append(f"{field}: a shape of no size is left out")
                 continue
@@ -86,22 +72,23 @@ def build_geometry(
             thing = pin.GeometryObject(f"{name}_{index}", frame.parentJoint, frame_id, T, shape)
             geometry.addGeometryObject(thing)
             links.append(name)
-            keys.append(key)
+            shapes.append(shape)
     # Covers of the meshes that are not convex, each once.
-    made: dict[_MeshKey, CoveredMesh | None] = dict.fromkeys(keys)
-    for key, (vertices, triangles) in meshes.surfaces.items():
-        mesh = made[key] = CoveredMesh.of(vertices, triangles, cover)
-        sheet = "its mesh is not closed and counts as a sheet without an inside"
-        told = ["" if mesh.cover.closed else sheet, mesh.coarse_in_words]
-        notes += [f"link {links[keys.index(key)]}: {words}" for words in told if words]
-    return geometry, tuple(links), tuple(made[key] for key in keys), notes
+    made: dict[int, CoveredMesh] = {}
+    for name, shape in zip(links, shapes, strict=True):
+        if id(shape) in meshes.surfaces and id(shape) not in made:
+            mesh = made[id(shape)] = CoveredMesh.of(*meshes.surfaces[id(shape)], cover)
+            sheet = "its mesh is not closed and counts as a sheet without an inside"
+            told = ["" if mesh.cover.closed else sheet, mesh.coarse_in_words]
+            notes += [f"link {name}: {words}" for words in told if words]
+    return geometry, tuple(links), tuple(made.get(id(shape)) for shape in shapes), notes
 
 
 def _read_shape(
     collision: ET.Element, field: str, meshes: _Meshes
-) -> tuple[coal.CollisionGeometry | None, _MeshKey]:
-    """The shape, and which mesh it is; no shape of a primitive all of whose sizes are 0, which some
-    robots have where nothing is."""
+) -> coal.CollisionGeometry | None:
+    """The shape; none of a primitive all of whose sizes are 0, which some robots have where nothing
+    is."""
     # One shape: a mesh, or a primitive with its sizes.
     shapes = collision.findall("geometry/*")
     if len(shapes) != 1:
@@ -110,19 +97,19 @@ def _read_shape(
     if shape.tag == "mesh":
         scale = read_floats(shape.get("scale", "1 1 1"), 3, f"{field}: scale")
         return meshes.shape(shape.get("filename", ""), scale, f"{field}: mesh")
-    if shape.tag not in PRIMITIVES:
-        raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
+    if shape.tag not in _PRIMITIVES:
+        raise RobotError(field, shape.tag, f"use mesh or one of {list(_PRIMITIVES)}")
     # Its sizes, all of them above zero.
-    make, counts = PRIMITIVES[shape.tag]
+    make, counts = _PRIMITIVES[shape.tag]
     sizes = [read_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
     values = np.concatenate(sizes)
     if not values.any():
-        return None, None
+        return None
     if not (values > 0.0).all():
         raise RobotError(f"{field}: {shape.tag}", values.tolist(), "every size must be positive")
     primitive = make(*values.tolist())
     primitive.computeLocalAABB()
-    return primitive, None
+    return primitive
 
 
 def _read_below(package_dirs: PackageDirs, uri: str) -> tuple[Array, Triangles]:
@@ -130,20 +117,13 @@ def _read_below(package_dirs: PackageDirs, uri: str) -> tuple[Array, Triangles]:
     parts = urlparse(uri)
     if parts.scheme not in ("package", "file", ""):
         raise FileNotFoundError("use package://, file:// or a path")
-    # Folders that it may be below by the names of packages, and its path from there.
-    named = (
-        package_dirs.items()
-        if isinstance(package_dirs, Mapping)
-        else [(Path(folder).name, folder) for folder in package_dirs]
-    )
-    folders = [(name, Path(folder)) for name, folder in named]
     path, package = unquote(parts.path) if parts.scheme else uri, parts.netloc
-    places = [Path(), *(folder for _, folder in folders)]
+    # The folder of its package, or all that it may be below.
+    places = [Path(), *map(Path, package_dirs.values())]
     if parts.scheme == "package":
         if not package:
             raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
-        places = [folder for name, folder in folders if name == package]
-        places += [folder / package for _, folder in folders]
+        places = [Path(package_dirs[package])] if package in package_dirs else []
         path = path.lstrip("/")
     for place in places:
         if (place / path).is_file():
@@ -156,30 +136,51 @@ class _Meshes:
     """The meshes of one robot as shapes, each read once.
 
     Attributes:
-        surfaces: vertices (n, 3), metres, and triangles (t, 3) of those that are not convex.
+        surfaces: vertices (n, 3), metres, and triangles (t, 3) of those that are not convex, by
+            the identity of their shapes.
     """
 
     def __init__(self, read: MeshReader) -> None:
         self._read = read
-        self._arrays: dict[str, tuple[Array, Triangles]] = {}
-        self._made: dict[_MeshKey, coal.CollisionGeometry] = {}
-        self.surfaces: dict[_MeshKey, tuple[Array, Triangles]] = {}
+        self._made: dict[tuple[str, bytes], coal.CollisionGeometry] = {}
+        self._triangles = 0
+        self.surfaces: dict[int, tuple[Array, Triangles]] = {}
 
-    def shape(self, uri: str, scale: Array, field: str) -> tuple[coal.CollisionGeometry, _MeshKey]:
+    def shape(self, uri: str, scale: Array, field: str) -> coal.CollisionGeometry:
         """The mesh a URI names, scaled by (3,) `scale`: a coal.Convex where it is convex, else its
-        triangles; and which it is.
+        triangles.
 
         Raises:
             RobotError: not found, unreadable or unusable.
         """
         # One shape for each file and scale.
-        key = (uri, tuple(scale))
-        if key in self._made:
-            return self._made[key], key
-        vertices, triangles = self._arrays_of(uri, field)
+        key = uri, scale.tobytes()
+        if key not in self._made:
+            vertices, triangles = self._scaled(uri, scale, field)
+            part = hull_if_convex(vertices[triangles])
+            if part is None:
+                surface = self._made[key] = triangle_geometry(vertices, triangles)
+                self.surfaces[id(surface)] = vertices, triangles
+            else:
+                self._made[key] = convex_geometry(part)
+        return self._made[key]
+
+    def _scaled(self, uri: str, scale: Array, field: str) -> tuple[Array, Triangles]:
+        try:
+            vertices, triangles = self._read(uri)
+        except UNREADABLE as error:
+            reason = str(error) or type(error).__name__
+            raise RobotError(field, uri, f"cannot be read: {reason}") from error
+        # Not too many triangles, together with those before.
+        self._triangles += len(triangles)
+        if self._triangles > MAX_ALL_TRIANGLES:
+            most = f"all meshes of a robot together may have {MAX_ALL_TRIANGLES}"
+            words = f"has too many triangles, {self._triangles} with the meshes before it; {most}"
+            raise RobotError(field, uri, f"{words}: use simpler collision meshes")
+        # A mirrored solid faces outward as before.
         vertices = vertices * scale
         if np.prod(scale) < 0.0:
-            triangles = triangles[:, ::-1]  # a mirrored solid faces outward as before
+            triangles = triangles[:, ::-1]
         # Not larger than a link may be.
         extent = float(np.max(np.ptp(vertices, axis=0)))
         if not extent <= MAX_EXTENT:
@@ -188,29 +189,7 @@ class _Meshes:
         corners = vertices[triangles]
         if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
             raise RobotError(field, uri, "has no surface; check its scale")
-        part = hull_if_convex(corners)
-        if part is None:
-            self._made[key] = triangle_geometry(vertices, triangles)
-            self.surfaces[key] = vertices, triangles
-        else:
-            self._made[key] = convex_geometry(part)
-        return self._made[key], key
-
-    def _arrays_of(self, uri: str, field: str) -> tuple[Array, Triangles]:
-        # The file, read when it is first asked for.
-        if uri not in self._arrays:
-            try:
-                self._arrays[uri] = self._read(uri)
-            except UNREADABLE as error:
-                reason = str(error) or type(error).__name__
-                raise RobotError(field, uri, f"cannot be read: {reason}") from error
-            # Not too many triangles, together with those before.
-            count = sum(len(triangles) for _, triangles in self._arrays.values())
-            if count > MAX_ALL_TRIANGLES:
-                most = f"all meshes of a robot together may have {MAX_ALL_TRIANGLES}"
-                words = f"has too many triangles, {count} with the meshes before it; {most}"
-                raise RobotError(field, uri, f"{words}: use simpler collision meshes")
-        return self._arrays[uri]
+        return vertices, triangles
 
 
 def convex_geometry(part: ConvexPart) -> coal.Convex:
@@ -233,3 +212,20 @@ def triangle_geometry(vertices: Array, triangles: Triangles) -> coal.BVHModelOBB
     mesh.endModel()
     mesh.computeLocalAABB()
     return mesh
+
+
+def enclosing_prism(radius: float, length: float) -> coal.Convex:
+    """What a cylinder about z counts as: the prism around it."""
+    angles = 2.0 * np.pi * np.arange(PRISM_SIDES) / PRISM_SIDES
+    rim = np.column_stack([np.cos(angles), np.sin(angles)]) * radius / np.cos(np.pi / PRISM_SIDES)
+    ends = [np.column_stack([rim, np.full(PRISM_SIDES, z)]) for z in (-0.5 * length, 0.5 * length)]
+    return convex_geometry(polytope_of(np.concatenate(ends)))
+
+
+_PRIMITIVES = {
+    "box": (coal.Box, {"size": 3}),
+    "sphere": (coal.Sphere, {"radius": 1}),
+    "cylinder": (enclosing_prism, {"radius": 1, "length": 1}),
+    "capsule": (coal.Capsule, {"radius": 1, "length": 1}),
+}
+"""URDF shape -> coal shape, and its attributes with how many numbers each holds."""

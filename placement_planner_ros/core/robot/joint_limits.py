@@ -55,9 +55,6 @@ def read_joint_limits(given: object) -> dict[str, JointLimit]:
         raise RobotError(FIELD, str(given)[:60], remedy)
     limits = {}
     for joint, values in given.items():
-        # default_velocity_scaling_factor and the like stand beside joint_limits
-        if isinstance(values, (bool, int, float)):
-            continue
         if not isinstance(values, Mapping):
             raise RobotError(f"{FIELD}: {joint}", str(values)[:60], remedy)
         limits[str(joint)] = _read_limits(str(joint), values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -55,7 +55,7 @@ class JointSpace:
         return self.joint_names.index(joint)
 
     @property
-    def _coupled(self) -> set[str]:
+    def coupled(self) -> set[str]:
         """Joints that follow another, and those that are followed."""
         return {*self.mimics, *(mimic.master for mimic in self.mimics.values())}
 
@@ -88,7 +88,7 @@ class JointSpace:
         A plan begins there. Coupled joints stay as they are.
         """
         # Whole turns of joints that are tied to none.
-        endless = np.isin(self.joint_names, list(self.continuous - self._coupled))
+        endless = np.isin(self.joint_names, list(self.continuous - self.coupled))
         return np.asarray(q - np.where(endless, 2.0 * np.pi * np.round(q / (2.0 * np.pi)), 0.0))
 
     def apart(self, a: Array, b: Array) -> Array:
@@ -137,8 +137,15 @@ class JointSpace:
 
     def limit_violations(self, q: Array) -> list[str]:
         """One sentence per joint of q (nq,) that is beyond its limits."""
-        return [
-            f"joint {self.joint_names[i]} = {q[i]:.6g} is beyond its limits [{self.lower[i]:.6g}, "
-            f"{self.upper[i]:.6g}]"
-            for i in np.flatnonzero(self._beyond(q) > ROUNDING)
-        ]
+        within = np.where(self._has_limits, q, self.lower)
+        return limit_violations(self.joint_names, within, self.lower, self.upper)
+
+
+def limit_violations(joints: Sequence[str], q: Array, lower: Array, upper: Array) -> list[str]:
+    """One sentence per joint of q (n,) that is beyond its limits, and how far."""
+    beyond = np.maximum(lower - q, q - upper)
+    return [
+        f"joint {joints[i]} = {q[i]:.6g} is {beyond[i]:.4g} beyond its limits [{lower[i]:.6g}, "
+        f"{upper[i]:.6g}]"
+        for i in np.flatnonzero(beyond > ROUNDING)
+    ]

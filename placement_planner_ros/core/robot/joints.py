@@ -1,7 +1,7 @@
 """The movable joints of a URDF, each with one coordinate: range, rates, and what it follows.
 
-What a description leaves open or states badly is decided here, once, and said: a continuous joint
-gets a range that no plan comes to the end of, a useless velocity limit a cautious default.
+What a description leaves open or states badly is decided here, once: a continuous joint gets a
+range that no plan comes to the end of, a useless velocity limit a cautious default.
 """
 
 from __future__ import annotations
@@ -82,17 +82,15 @@ def read_joint(
         raise RobotError(field, kind, "give it a <limit> with lower and upper")
     lower, upper, endless = _read_range(element, field, stated, warnings)
     # The lowest of the rates that are stated; where none is usable, an assumed one.
-    lever, unit = (SLIDING_LEVER_M, "m/s") if kind == "prismatic" else (1.0, "rad/s")
+    lever = SLIDING_LEVER_M if kind == "prismatic" else 1.0
     names = "velocity", "acceleration", "deceleration"
     speed, *rates = (read_number(limit, name, math.inf, field) for name in names)
-    velocity = _lowest_rate([speed, stated.velocity], MAX_VELOCITY)
-    acceleration = _lowest_rate([*rates, stated.acceleration], sys.float_info.max)
-    assumed = {"velocity": velocity is None, "acceleration": acceleration is None}
-    velocity = velocity or lever * ANGULAR_VELOCITY
-    acceleration = acceleration or lever * ANGULAR_ACCELERATION
-    if assumed["velocity"]:
-        words = f"planned with {velocity:g} {unit}"
-        warnings.append(f"{field} has no usable velocity limit: {words}")
+    usable = {
+        "velocity": _lowest_rate([speed, stated.velocity], MAX_VELOCITY),
+        "acceleration": _lowest_rate([*rates, stated.acceleration], sys.float_info.max),
+    }
+    velocity = usable["velocity"] or lever * ANGULAR_VELOCITY
+    acceleration = usable["acceleration"] or lever * ANGULAR_ACCELERATION
     # The one form that pinocchio is given.
     element.set("type", "prismatic" if kind == "prismatic" else "revolute")
     if limit is None:
@@ -105,7 +103,7 @@ def read_joint(
         _read_mimic(name, elements, warnings),
         endless,
         kind == "prismatic",
-        tuple(what for what, nobody in assumed.items() if nobody),
+        tuple(what for what, rate in usable.items() if rate is None),
     )
 
 

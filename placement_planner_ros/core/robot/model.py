@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from placement_planner_ros.core.errors import JointStateError, RobotError
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.arm_maker import derive_arm
-from placement_planner_ros.core.robot.description import read_urdf
+from placement_planner_ros.core.robot.description import build_model, read_urdf
 from placement_planner_ros.core.robot.geometry import (
     MeshReader,
     PackageDirs,
@@ -21,7 +21,7 @@ from placement_planner_ros.core.robot.geometry import (
 )
 from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.joint_space import JointSpace
-from placement_planner_ros.core.types import ROUNDING, Array
+from placement_planner_ros.core.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -39,8 +39,7 @@ class Robot(JointSpace):
         meshes: of each of geometry.geometryObjects that is a mesh and not convex the mesh with its
             cover, the same for all with the same file and scale; of all others None.
         assumed: of each joint which limits nobody states, "velocity" or "acceleration".
-        allowed_pairs: sorted link pairs that self-collision checks leave out.
-        left_out: those of them that no SRDF names, sorted, and why; None where there is an SRDF.
+        allowed_pairs: link pairs that self-collision checks leave out, sorted, and why.
         passive: joints that no motor drives, as the SRDF says.
         warnings: what was decided where the description was silent.
     """
@@ -52,8 +51,7 @@ class Robot(JointSpace):
     geometry_links: tuple[str, ...]
     meshes: tuple[CoveredMesh | None, ...]
     assumed: Mapping[str, tuple[str, ...]]
-    allowed_pairs: frozenset[pairs.Pair] = frozenset()
-    left_out: Mapping[pairs.Pair, pairs.Reason] | None = None
+    allowed_pairs: Mapping[pairs.Pair, pairs.Reason] = field(default_factory=dict)
     passive: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
 
@@ -61,7 +59,7 @@ class Robot(JointSpace):
     def from_urdf(
         cls,
         urdf_text: str,
-        package_dirs: PackageDirs | MeshReader = (),
+        package_dirs: PackageDirs | MeshReader | None = None,
         srdf: str | None = None,
         joint_limits: Mapping[str, JointLimit] | None = None,
         cover: CoverMaker = kept_cover,
@@ -70,9 +68,8 @@ class Robot(JointSpace):
 
         Args:
             urdf_text: the URDF itself, not a path.
-            package_dirs: where `package://` URIs lead: package name -> share folder, or folders
-                that hold packages (or that mesh paths are relative to), or what reads the mesh
-                of a URI.
+            package_dirs: where `package://` URIs lead: package name -> share folder (or a folder
+                that mesh paths are relative to), or what reads the mesh of a URI.
             srdf: text that lists disabled collisions; without it they are derived
                 (`derive_allowed_pairs`).
             joint_limits: what else is stated of joints (`read_joint_limits`).
@@ -82,16 +79,15 @@ class Robot(JointSpace):
             RobotError: the description or its geometry is unusable; the message names the part.
         """
         # Kinematics, then geometry.
-        description = read_urdf(urdf_text, joint_limits)
-        model = description.build_model()
-        joints = [description.joints[name] for name in model.names[1:]]  # as coordinates are
+        root, movable, warnings = read_urdf(urdf_text, joint_limits)
+        model = build_model(root)
+        joints = [movable[name] for name in model.names[1:]]  # as coordinates are
         limits = np.array([astuple(joint.limit) for joint in joints]).reshape(-1, 4)
-        geometry, shape_links, meshes, notes = build_geometry(
-            description.root, model, package_dirs, cover
-        )
+        files = package_dirs or {}
+        geometry, shape_links, meshes, notes = build_geometry(root, model, files, cover)
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
         robot = cls(
-            name=str(description.root.get("name")),
+            name=str(root.get("name")),
             root_link=links[0],
             model=model,
             geometry=geometry,
@@ -108,10 +104,9 @@ class Robot(JointSpace):
             prismatic=frozenset(joint.name for joint in joints if joint.prismatic),
         )
         # Pairs to leave out: of the SRDF, or derived; what is left is checked.
-        left_out: dict[pairs.Pair, pairs.Reason] | None = None
         if srdf is None:
-            left_out, passive = pairs.derive_allowed_pairs(robot), robot.passive
-            allowed, told = frozenset(left_out), pairs.left_out_in_words(left_out)
+            allowed, passive = pairs.derive_allowed_pairs(robot), robot.passive
+            told = pairs.left_out_in_words(allowed)
         else:
             allowed, passive, told = pairs.read_srdf(srdf, links)
         checked = np.array([*pairs.shape_pairs(geometry, shape_links, allowed)], dtype=np.int64)
@@ -121,35 +116,18 @@ class Robot(JointSpace):
         return replace(
             robot,
             allowed_pairs=allowed,
-            left_out=left_out,
             passive=passive,
-            warnings=(*description.warnings, *notes, *told),
+            warnings=(*warnings, *notes, *told),
         )
 
     arm = derive_arm
 
     @property
-    def turnable(self) -> frozenset[str]:
-        """Joints that turn two times around or more."""
-        # A range of two turns, of joints that turn and are tied to none.
-        around = self.upper - self.lower >= 4.0 * np.pi - ROUNDING
-        far = {name for name, can in zip(self.joint_names, around, strict=True) if can}
-        return frozenset(far - self.prismatic - self._coupled)
-
-    @property
     def needed_joints(self) -> tuple[str, ...]:
         """Joints whose values must be known: all but those that mimic another, are passive, or move
         no shape."""
-        # Joints on the way to any shape.
-        moving = {g.parentJoint for g in self.geometry.geometryObjects}
-        carrying = {joint for shape in moving for joint in self.model.supports[shape]}
-        movers = {str(self.model.names[joint]) for joint in carrying}
-        movers |= {mimic.master for name, mimic in self.mimics.items() if name in movers}
-        return tuple(
-            name
-            for name in self.joint_names
-            if name in movers and name not in self.mimics and name not in self.passive
-        )
+        movers = {joint for link in {*self.geometry_links} for joint in self.joints_to(link)}
+        return tuple(name for name in self.joint_names if name in movers - self.passive)
 
     def configuration(self, positions: Mapping[str, float], also: Iterable[str] = ()) -> Array:
         """q (nq,) from joint values; other names are ignored, mimicking joints follow.
@@ -169,7 +147,7 @@ class Robot(JointSpace):
         if missing:
             raise JointStateError("`q_start`: missing", missing, "give these joints too")
         # All that is given; the others at zero or the limit next to it.
-        known = [n for n in self.joint_names if n in positions and n not in self.mimics]
+        known = [n for n in self.joint_names if n in positions]
         q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
         return self.with_positions(q, {name: positions[name] for name in known})
 
@@ -250,13 +228,3 @@ class Robot(JointSpace):
         """Joints on the way from the root to a link, in their order; those that mimic, too."""
         joint = self.model.frames[self.frame_id(link)].parentJoint
         return tuple(str(self.model.names[each]) for each in self.model.supports[joint] if each)
-
-    def carried_links(self, frame_id: int) -> list[str]:
-        """The link of a frame and every link it carries."""
-        # Frames below it come after it.
-        carried, links = {frame_id}, []
-        for index, frame in enumerate(self.model.frames):
-            if index == frame_id or (index != 0 and frame.parentFrame in carried):
-                carried.add(index)
-                links += [str(frame.name)] if frame.type == pin.FrameType.BODY else []
-        return links

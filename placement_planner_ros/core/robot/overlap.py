@@ -39,7 +39,7 @@ def meet(
 
 
 class Overlaps:
-    """Shapes asked pair by pair, such as those of one robot.
+    """A robot's shapes, and others with them, asked pair by pair.
 
     A mesh is a surface to coal; what lies wholly inside of a closed one overlaps it all the same.
 
@@ -48,26 +48,22 @@ class Overlaps:
         centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
 
     Args:
-        meshes: of each shape the mesh that it is, where it is one.
+        robot: whose shapes come first.
+        more: others, each with the mesh that it is, where it is one.
     """
 
     def __init__(
         self,
-        shapes: Sequence[coal.CollisionGeometry],
-        meshes: Sequence[CoveredMesh | None],
+        robot: Robot,
+        more: Sequence[tuple[coal.CollisionGeometry, CoveredMesh | None]] = (),
     ) -> None:
-        self.shapes = list(shapes)
+        links = [thing.geometry for thing in robot.geometry.geometryObjects]
+        self.shapes = [*links, *(shape for shape, _ in more)]
         for shape in self.shapes:
             shape.computeLocalAABB()
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
-        self._meshes = list(meshes)
-
-    @classmethod
-    def of(cls, robot: Robot) -> Overlaps:
-        """Of a robot's shapes."""
-        shapes = [thing.geometry for thing in robot.geometry.geometryObjects]
-        return cls(shapes, robot.meshes)
+        self._meshes = [*robot.meshes, *(mesh for _, mesh in more)]
 
     def near(
         self, rows: npt.NDArray[np.int64], placements: list[pin.SE3], margin: float = 0.0
@@ -88,11 +84,6 @@ class Overlaps:
             or self._holds(i, j, T_i.actInv(T_j))
             or self._holds(j, i, T_j.actInv(T_i))
         )
-
-    def distance(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
-        """Metres between two shapes; 0 or less where they meet."""
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        return float(coal.distance(self.shapes[i], T_i, self.shapes[j], T_j, request, result))
 
     def depth(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0) -> float:
         """Metres by which one must be moved that they do not overlap any more.

@@ -18,8 +18,6 @@ def read_xml(text: str, field: str) -> ET.Element:
     Raises:
         RobotError: not XML, or its root is not <robot>.
     """
-    if "<" not in str(text):
-        raise RobotError(field, text, "give the text of the file, which is XML")
     # Without namespaces, which need not be bound.
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
@@ -28,24 +26,12 @@ def read_xml(text: str, field: str) -> ET.Element:
         root = builder.close()
     except (expat.ExpatError, ValueError) as error:  # ValueError: characters that no XML has
         number = getattr(error, "lineno", 1)
-        line = text.splitlines()[:number][-1].strip()[:60]
+        line = "".join(text.splitlines()[number - 1 : number]).strip()[:60]
         remedy = f"is not XML ({error}); give the whole text of the file"
         raise RobotError(f"{field}, line {number}", line, remedy) from error
     if root.tag != "robot":
         raise RobotError(field, f"<{root.tag}>", "give a file whose root element is <robot>")
     return root
-
-
-def name_of(element: ET.Element) -> str:
-    """The name of a link or joint.
-
-    Raises:
-        RobotError: it has none.
-    """
-    name = element.get("name")
-    if not name:
-        raise RobotError("`urdf`", f"<{element.tag}>", "give the element a name")
-    return name
 
 
 def read_number(element: ET.Element | None, attribute: str, default: float, field: str) -> float:

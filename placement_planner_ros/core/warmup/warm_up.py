@@ -10,8 +10,8 @@ import numpy as np
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.warmup.known_task import KnownTask

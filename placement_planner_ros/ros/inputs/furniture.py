@@ -85,7 +85,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
     others = [link for link in fixed if link not in carrying]
     if not others:
         return frozenset(carrying)
-    overlaps, rng = Overlaps.of(robot), np.random.default_rng(0)
+    overlaps, rng = Overlaps(robot), np.random.default_rng(0)
     placements = robot.geometry_poses(np.zeros(model.nq))
 
     def rows(of: npt.NDArray[np.bool_], link: str) -> list[tuple[int, int]]:

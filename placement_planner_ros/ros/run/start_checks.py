@@ -182,7 +182,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     keep_out = parameters["keep_out"]
     rules = StartRules(
         settings.collision,
-        None if environment is None else environment.obstacles,
+        environment,
         settings.tilt,
         boxes_of(keep_out) if keep_out else None,
     )

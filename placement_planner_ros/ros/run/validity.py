@@ -11,7 +11,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSett
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.errors import JointStateError, listed
 from placement_planner_ros.core.grasp.hand_opening import with_opening_hand
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -121,7 +121,8 @@ def _stretches(
         # the object in the hand is nothing that its fingers could meet as they open
         sweeping = ArmCollision(opening, None, obstacles, settings)
         # As `grasp.OpenHand` has it, which is laid out already.
-        opened = replace(moving.with_open_hand(), arm=replace(arm, touch_links=()))
+        q_open = robot.with_open_hand(moving.q_rest, arm)
+        opened = MovingArm(robot, replace(arm, touch_links=()), q_open)
         standing = PlacedObject(snapshot.body, placement.T_world_object)
         leaving = ArmCollision(opened, standing, obstacles, settings)
         retreat = placement.retreat

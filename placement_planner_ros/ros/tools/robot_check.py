@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -21,7 +22,7 @@ import numpy as np
 
 from placement_planner_ros.core.collision.attached_object import object_overlaps
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.robot.allowed_pairs import hidden_pairs, srdf_line
+from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.pictures.robot_picture import draw_robot
@@ -38,7 +39,7 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION
 
 FAR_FROM_HAND_M = 0.06
 """From the open hand, beyond which an object is hardly held: wide hands open by 0.12 m."""
-SEARCH_S = 10.0
+SEARCH_S = 4.0
 """Processor time for a first placement on a plane."""
 
 
@@ -73,7 +74,6 @@ def _check(options: argparse.Namespace) -> int:
         robot = snapshot.robot
         describe_robot(robot, bool(given.parameters["robot_description"]), findings)
         describe_arms(snapshot, findings)
-        describe_pairs(robot, findings)
         if options.write_srdf is not None:
             options.write_srdf.write_text(srdf_of(robot), encoding="utf-8")
             findings.say(f"wrote {options.write_srdf}")
@@ -180,8 +180,7 @@ def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
     for name, mimic in robot.mimics.items():
         findings.say(f"{name} = {mimic.multiplier:g} · {mimic.master} + {mimic.offset:g}", 2)
     for words in robot.warnings:
-        if not words.startswith("left out:"):  # in a section of its own
-            findings.say(f"assumed: {words}")
+        findings.say(f"assumed: {words}")
     if not robot.geometry_links:
         findings.wrong(
             "the robot has no collision shapes: nothing would be kept apart; give its links "
@@ -197,7 +196,7 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
         accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
         for k, joint in enumerate(arm.joints):
             ends = "without end stops"
-            if joint not in arm.continuous:
+            if joint not in snapshot.robot.continuous:
                 ends = f"{arm.lower[k]:.3f} to {arm.upper[k]:.3f}"
             findings.say(
                 f"{joint}: {ends}, velocity {arm.velocity[k]:.3g}, acceleration "
@@ -215,27 +214,9 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
     findings.say(", ".join(snapshot.joints))
 
 
-def describe_pairs(robot: Robot, findings: Findings) -> None:
-    """Which links are not kept apart from each other, and why."""
-    findings.title("pairs of links that are not kept apart")
-    if robot.left_out is None:
-        findings.say(f"{len(robot.allowed_pairs)}, as the SRDF says")
-        return
-    hidden = hidden_pairs(robot.left_out)
-    findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours")
-    if hidden:
-        findings.say(
-            "and these, whose true collisions would not be noticed; an SRDF (--write-srdf "
-            "FILE) says which of them to leave out"
-        )
-    for each in hidden:
-        findings.say(each, 2)
-
-
 def srdf_of(robot: Robot) -> str:
     """An SRDF that has the same pairs left out."""
-    reasons = robot.left_out or {}
-    lines = [srdf_line(pair, reasons.get(pair, "User")) for pair in sorted(robot.allowed_pairs)]
+    lines = [srdf_line(pair, reason) for pair, reason in robot.allowed_pairs.items()]
     body = "\n".join(f"  {line}" for line in lines)
     return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'
 
@@ -258,30 +239,28 @@ def check_grasps(snapshot: Snapshot, findings: Findings) -> None:
     """Remark on grasps in which the object is far from the open hand."""
     for arm in snapshot.arms:
         for number in range(len(arm.grasps)):
-            apart = hand_distance(snapshot, arm, number)
-            if apart > FAR_FROM_HAND_M:
+            if is_far_from_hand(snapshot, arm, number):
                 findings.remarks.append(
-                    f"{arm.name}.grasps: in grasp {number} the open hand is {1e3 * apart:.0f} mm "
-                    "from the object; unless something holds it that the description lacks, as a "
-                    f"suction cup, check the pose of the object in {arm.tip_frame}, its quaternion "
-                    "(x y z w) and object.scale"
+                    f"{arm.name}.grasps: in grasp {number} the open hand is more than "
+                    f"{1e3 * FAR_FROM_HAND_M:.0f} mm from the object; unless something holds it "
+                    "that the description lacks, as a suction cup, check the pose of the object in "
+                    f"{arm.tip_frame}, its quaternion (x y z w) and object.scale"
                 )
 
 
-def hand_distance(snapshot: Snapshot, arm: Arm, grasp: int) -> float:
-    """Metres from the object in a grasp to the nearest link of the open hand; 0 without links."""
+def is_far_from_hand(snapshot: Snapshot, arm: Arm, grasp: int) -> bool:
+    """Whether the object in a grasp is far from all links of the open hand, if that has any."""
     robot, body = snapshot.robot, snapshot.body
     q = robot.with_open_hand(snapshot.q_start, arm)
     T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
-    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    overlaps, places = object_overlaps(robot, body), robot.geometry_poses(q)
     # links that may touch the object are those of the hand
-    apart = [
-        overlaps.distance(i, j, at, T)
-        for i, at in enumerate(robot.geometry_poses(q))
-        if robot.geometry_links[i] in arm.touch_links
-        for j in range(first, len(overlaps.shapes))
-    ]
-    return max(min(apart, default=0.0), 0.0)
+    hand = [i for i, link in enumerate(robot.geometry_links) if link in arm.touch_links]
+    solids = range(len(places), len(overlaps.shapes))
+    pairs = itertools.product(hand, solids)
+    return bool(hand) and not any(
+        overlaps.meet(i, j, places[i], T, FAR_FROM_HAND_M) for i, j in pairs
+    )
 
 
 def check_search(snapshot: Snapshot, findings: Findings) -> None:

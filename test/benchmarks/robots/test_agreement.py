@@ -11,8 +11,8 @@ from benchmarks.robots.agreement import (
     compare_answers,
 )
 from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 JOINT = """
 <joint name="j{n}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
@@ -95,7 +95,7 @@ def files(tmp_path_factory):
 @pytest.fixture(scope="module")
 def planner(files):
     """The arm, all joints at zero."""
-    robot = Robot.from_urdf(files.urdf, files.package_dirs)
+    robot = Robot.from_urdf(files.urdf)
     return MovingArm(robot, robot.arm("arm", "tip"), np.zeros(4))
 
 

@@ -89,7 +89,7 @@ def on_triangles(mesh, count, rng):
 def test_a_cover_holds_the_mesh_and_the_solid_inside_and_not_much_more(name):
     mesh, closed = MESHES[name]
     rng = np.random.default_rng(1)
-    cover = convex_cover(np.asarray(mesh.vertices), np.asarray(mesh.faces), 0.01)
+    cover = convex_cover(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     assert cover.closed is closed
     points = on_triangles(mesh, 20_000, rng)
     assert inside(cover, points).all()
@@ -121,7 +121,7 @@ def test_a_mug_keeps_its_opening():
     mug = trimesh.util.concatenate([outer, inner])
     keep = mug.triangles_center[:, 2] < 0.0499
     mug = trimesh.Trimesh(mug.vertices, mug.faces[keep], process=False)
-    cover = convex_cover(np.asarray(mug.vertices), np.asarray(mug.faces), 0.005)
+    cover = convex_cover(np.asarray(mug.vertices), np.asarray(mug.faces))
     assert inside(cover, on_triangles(mug, 5_000, np.random.default_rng(4))).all()
     axis = np.column_stack([np.zeros((20, 2)), np.linspace(-0.035, 0.05, 20)])
     assert not inside(cover, axis).any()

@@ -17,8 +17,8 @@ from placement_planner_ros.core.collision.placing import place_joints, place_sph
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
@@ -140,7 +140,7 @@ def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
     assert not len(answers.disagreements)
     assert answers.ties == 0
     assert [checker.free(q) for q in Q[:40]] == expected[:40].tolist()
-    assert [checker.explain(q) == "" for q in Q] == expected.tolist()
+    assert [checker.meeting(q) is None for q in Q] == expected.tolist()
 
 
 @pytest.mark.parametrize("self_margin", [0.0, 0.004])
@@ -229,7 +229,7 @@ def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):
     assert checker.free(np.array([face - 0.2 * 1.005 - 0.00301, 0.0]))
     close = np.array([face - 0.2 - 0.0031, 0.0])  # beside the rim, within the polygon around it
     assert not checker.free(close)
-    assert checker.explain(close).startswith("ball meets the environment at (0.4")
+    assert str(checker.meeting(close)).startswith("ball meets the environment at (0.4")
 
 
 def test_empty_environment_and_empty_hand(slider):
@@ -243,16 +243,16 @@ def where(said):
     return np.array([float(word) for word in said[said.index("(") + 1 : -1].split(",")])
 
 
-def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
+def test_a_meeting_names_the_nearest_box_or_the_middle_of_what_meets(slider):
     wall = plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0))
     checker = slider_checker(
         slider, obstacles_of(wall, wall - np.array([0.3, 0.0, 0.0])), small_body()
     )
     for q in ((0.51, 0.1), (0.21, -0.1), (0.492, 0.033)):  # their middle is close to a wall
-        said = checker.explain(np.array(q), contact=True)
+        said = str(checker.meeting(np.array(q), contact=True))
         assert said.startswith("ball meets the environment at (")
         assert np.abs(where(said) - [0.5 if q[0] > 0.4 else 0.2, q[1], 0.0]).max() < 0.011
-    said = checker.explain(np.array([0.477, 0.1]))
+    said = str(checker.meeting(np.array([0.477, 0.1])))
     assert said.startswith("the held object meets the environment at (")
     assert abs(where(said)[0] - 0.5) < 0.006
     assert (np.abs(where(said) - [0.5, 0.1, -0.0405]) < [0.01, 0.03, 0.03]).all()
@@ -268,16 +268,16 @@ def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
         PlacedObject(small_body((0.2, 0.04, 0.04)), there),
         obstacles_of(),
     )
-    said = checker.explain(np.array([0.935, 0.03]))
+    said = str(checker.meeting(np.array([0.935, 0.03])))
     assert said.startswith("ball meets base at (")
     assert (np.abs(where(said) - [0.9525, 0.03, 0.0]) < [0.003, 0.02, 0.02]).all()
-    assert checker.explain(np.array([0.2, 0.1])) == ""
+    assert checker.meeting(np.array([0.2, 0.1])) is None
     # Turned as it is, it reaches 0.02 along x and 0.1 along y.
     checker.place(pin.SE3(there.rotation, np.array([0.3, 0.1, 0.0])))
-    said = checker.explain(np.array([0.3399, 0.17]))
+    said = str(checker.meeting(np.array([0.3399, 0.17])))
     assert said.startswith("ball meets the placed object at (")
     assert where(said)[0] == pytest.approx(0.32, abs=0.001)
-    assert checker.explain(np.array([0.3401, 0.17])) == ""
+    assert checker.meeting(np.array([0.3401, 0.17])) is None
 
 
 def test_what_is_not_finite_or_of_the_wrong_length_is_refused(slider):
@@ -321,7 +321,7 @@ def test_placed_object_is_an_obstacle_to_all_but_the_touch_links(slider):
     checker = ArmCollision(
         MovingArm(slider, arm, np.zeros(2)), PlacedObject(small_body(), there), obstacles_of()
     )
-    assert "the placed object" in checker.explain(np.array([0.48, 0.0]))
+    assert "the placed object" in str(checker.meeting(np.array([0.48, 0.0])))
     assert checker.free(np.array([0.4, 0.0]))
     assert not checker.edge_free(np.array([0.4, 0.0]), np.array([0.6, 0.0]))
     checker = ArmCollision(

@@ -8,8 +8,8 @@ import pytest
 from placement_planner_ros.core.collision.against_robot import tabled_apart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.arrays import CELL_RAD, PAIR_ROWS
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 

@@ -24,8 +24,8 @@ from placement_planner_ros.core.grasp.hand_opening import opening_error, with_op
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.scenes.primitives import box

@@ -36,7 +36,7 @@ def triangles(robot, number=0):
 @pytest.mark.parametrize("scale", ["-1 1 1", "1 1 -1", "-1 -1 -1", "-1 -1 1", "1 1 1"])
 def test_a_mirrored_mesh_faces_outward(tmp_path, scale):
     TWO.export(tmp_path / "a.stl")
-    mesh = triangles(Robot.from_urdf(urdf(f'filename="a.stl" scale="{scale}"'), [tmp_path]))
+    mesh = triangles(Robot.from_urdf(urdf(f'filename="a.stl" scale="{scale}"'), {"": tmp_path}))
     assert mesh.volume == pytest.approx(TWO.volume)
 
 
@@ -46,5 +46,5 @@ def test_what_is_too_large_is_refused_with_its_number(tmp_path, monkeypatch):
     monkeypatch.setattr(geometry, "MAX_ALL_TRIANGLES", 47)
     words = r"b\.stl.*too many triangles, 48 with the meshes before it; .* have 47: use simpler"
     with pytest.raises(RobotError, match=words):
-        Robot.from_urdf(urdf('filename="a.stl"', 'filename="b.stl"'), [tmp_path])
-    Robot.from_urdf(urdf('filename="a.stl"', 'filename="a.stl"'), [tmp_path])
+        Robot.from_urdf(urdf('filename="a.stl"', 'filename="b.stl"'), {"": tmp_path})
+    Robot.from_urdf(urdf('filename="a.stl"', 'filename="a.stl"'), {"": tmp_path})

@@ -16,7 +16,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.freespace import FREE, SeenSpace, View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet

@@ -12,7 +12,7 @@ from helpers.robots import mixed_robot, ring_in
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 

@@ -23,7 +23,7 @@ def folder(monkeypatch, tmp_path):
 
 
 def read(folder, process):
-    return Robot.from_urdf(URDF, [folder], cover=partial(cover_in, process))
+    return Robot.from_urdf(URDF, {"": folder}, cover=partial(cover_in, process))
 
 
 def coarse(robot):

@@ -8,7 +8,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, scene_cameras
@@ -79,7 +79,7 @@ def test_the_start_is_free_and_nothing_stands_where_nothing_is(seen):
             collision = ArmCollision(
                 MovingArm(robot, arm, q), AttachedObject(body, grasp), obstacles
             )
-            assert collision.explain(q[arm.q_index]) == ""
+            assert collision.meeting(q[arm.q_index]) is None
     centers = (obstacles.lower + obstacles.upper) / 2
     depth = np.max([part.depth(centers) for part in SCENE.parts], axis=0)
     assert len(centers) > 1000
@@ -91,4 +91,4 @@ def test_without_the_filter_the_robot_stands_in_its_own_way(seen):
     obstacles = environment_of(seen, None).obstacles
     for arm in arms:
         collision = ArmCollision(MovingArm(robot, arm, q), AttachedObject(body), obstacles)
-        assert collision.explain(q[arm.q_index]) != ""
+        assert collision.meeting(q[arm.q_index]) is not None

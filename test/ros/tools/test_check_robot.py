@@ -131,7 +131,7 @@ def test_meshes_joint_states_and_touch_are_told_and_drawn(robot, capsys):
     said = capsys.readouterr().out
     assert "j0, j1, j2, left_finger\n" in said  # no mimicking joint
     assert "right_finger = 1 · left_finger + 0" in said
-    assert "of neighbours" in said
+    assert "pairs of neighbouring links are left out" in said
     assert "<disable_collisions" in srdf.read_text()
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert picture.stat().st_size > 20_000
