@@ -18,6 +18,7 @@ from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placed_meshes import solids_keep
 from placement_planner_ros.core.collision.placing import place_set
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
+from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.uncounted import Uncounted
 
@@ -165,8 +166,18 @@ def _pair_keeps(
         `motion`; 0 where only the margin is kept for sure, or -1 where not even that.
     """
     bodies, sets, bounds = arm.bodies, arm.sets, scratch.bounds
-    body_spheres, spheres = scratch.body_spheres, scratch.set_spheres
+    body_spheres, spheres, balls = scratch.body_spheres, scratch.set_spheres, arm.node_spheres
     a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
+    # The balls around their sets, the first of their trees, unless they have been placed.
+    for body in (a, b):
+        if scratch.body_stamp[body] < scratch.counters[0]:
+            scratch.body_stamp[body] = scratch.counters[0]
+            joint = bodies[body, at.BODY_JOINT]
+            for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
+                node = sets[s, at.SET_FIRST_NODE]
+                spheres[s, 0], spheres[s, 1], spheres[s, 2] = to_world(
+                    scratch.frames, joint, balls[node, 0], balls[node, 1], balls[node, 2]
+                )
     # Where the directions of their parts are remembered.
     fixed = a >= arm.moving
     slot = arm.pairs[pair, at.PAIR_SLOT]

@@ -103,6 +103,8 @@ class ArmScratch(NamedTuple):
     vertices: Array
     bounds: Array
     """(s, 6) box around each set, lower then upper."""
+    body_stamp: Indices
+    """(b,) configuration at which the spheres of a body's sets were last placed in the world."""
     set_stamp: Indices
     """(s,) configuration at which a set was last placed in the world."""
     sides: Array
@@ -260,6 +262,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         set_spheres=a.node_spheres[a.sets[:-1, SET_FIRST_NODE], :4],
         vertices=a.vertices.copy(),
         bounds=np.vstack([rows.boxes() for rows in flat.rows]),
+        body_stamp=np.where(np.arange(len(a.bodies)) < a.moving, 0, np.iinfo(np.int64).max),
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         sides=np.zeros((sets, 3)),
         side=np.zeros(4),

@@ -22,22 +22,16 @@ def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def place_spheres(arm: ArmArrays, scratch: ArmScratch, count: int) -> None:
-    """Bounding spheres of the first bodies, so many, and of their sets."""
-    frames, bodies = scratch.frames, arm.bodies
+    """Bounding spheres of the first bodies, so many."""
     local, world = arm.body_spheres, scratch.body_spheres
-    nodes, set_world = arm.node_spheres, scratch.set_spheres
     for body in range(count):
-        joint = bodies[body, at.BODY_JOINT]
-        # The ball around the body.
         world[body, 0], world[body, 1], world[body, 2] = to_world(
-            frames, joint, local[body, 0], local[body, 1], local[body, 2]
+            scratch.frames,
+            arm.bodies[body, at.BODY_JOINT],
+            local[body, 0],
+            local[body, 1],
+            local[body, 2],
         )
-        # The balls around its sets, the first of their trees.
-        for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
-            node = arm.sets[s, at.SET_FIRST_NODE]
-            set_world[s, 0], set_world[s, 1], set_world[s, 2] = to_world(
-                frames, joint, nodes[node, 0], nodes[node, 1], nodes[node, 2]
-            )
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
