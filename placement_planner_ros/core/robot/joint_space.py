@@ -147,5 +147,5 @@ def limit_violations(joints: Sequence[str], q: Array, lower: Array, upper: Array
     return [
         f"joint {joints[i]} = {q[i]:.6g} is {beyond[i]:.4g} beyond its limits [{lower[i]:.6g}, "
         f"{upper[i]:.6g}]"
-        for i in np.flatnonzero(beyond > ROUNDING)
+        for i in np.flatnonzero(beyond > ROUNDING).tolist()
     ]
