@@ -20,6 +20,7 @@ from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, link_s
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.point_cloud import some_of
@@ -30,8 +31,8 @@ truer."""
 TAIL_PERCENT = 99.9
 """Share of a surface's own points that are no farther off than they are said to be."""
 FEWEST_INSIDE = 20
-"""Points inside solids from which on they tell how well is measured; and of those around a point
-that tell where the surface is."""
+"""Points inside solids from which on they tell how well is measured, or on one, how it is held; and
+of those around a point that tell where the surface is."""
 CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
 
@@ -70,25 +71,23 @@ class FilteredPoints:
             self.padded | other.padded,
         )
 
-    def deepest(self) -> float:
-        """Metres by which points lie inside at most; infinite where too few do to tell."""
-        depths = self.apart[self.inside & np.isfinite(self.apart)]
-        few = len(depths) < FEWEST_INSIDE
-        return np.inf if few else max(OWN_M, float(np.percentile(depths, TAIL_PERCENT)))
+    def error(self) -> float:
+        """Metres by which surfaces and what is measured of them err.
 
-    def own(self) -> Mask:
-        """(n,) those that are of the surfaces, or inside: no farther off than surfaces and what is
-        measured of them err.
-
-        Nothing but the robot is inside its solids. How much points there differ from those beside
-        them along the surface shows how far off it others of its own may be: how deep they are does
-        not, as a shape for collisions may be larger than what cameras see of the link. Farther off
-        than the padding they are not its own.
+        Nothing but what they enclose is inside. How much points there differ from those beside them
+        along the surface shows how far off it others of its own may be: how deep they are does not,
+        as a shape for collisions may be larger than what cameras see.
         """
         near = self.padded & np.isfinite(self.apart)
         signed = np.where(self.inside, -self.apart, self.apart)[near]
-        spread = _spread(self.nearest[near], signed)
-        return self.padded & (self.inside | (self.apart <= np.hypot(OWN_M, spread)))
+        return float(np.hypot(OWN_M, _spread(self.nearest[near], signed)))
+
+    def own(self, error: float) -> Mask:
+        """(n,) those that are of the surfaces, no farther off than these metres, or inside.
+
+        Farther off than the padding they are not its own.
+        """
+        return self.inside | (self.padded & (self.apart <= error))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +204,7 @@ def near_points(
     grasp only what lies on it in that grasp is its own. As it may be nearer than the margins that
     the arm keeps, it is moved off the robot, straight, to where the arm can just leave from: by
     less than the margin, so that what keeps the margin from it there does not meet it where it is.
-    What lies twice as deep in the object in one grasp as anything does in some other one, and on
+    What lies in the object in one grasp, outside of it in the grasp that most points lie on, and on
     none of these surfaces, is a thing that stands there: the object is not held like that.
 
     Args:
@@ -223,7 +222,10 @@ def near_points(
     points = points[around]
     # how each point lies to the robot, and to the object in every grasp
     of_robot = robot.look(points)
-    of_grasps = {grasp: outline.look(points) for grasp, outline in held.items()}
+    of_grasps = {}
+    for grasp, outline in held.items():
+        step("telling what is held from what is beside it")
+        of_grasps[grasp] = outline.look(points)
     beside_held = np.zeros(len(points), np.bool_)
     for look in of_grasps.values():
         beside_held |= look.padded
@@ -233,20 +235,23 @@ def near_points(
     def things(others: Mask) -> Array:
         return _not_alone(points[others], tree, grid)
 
+    # the object is held so that most points lie on it, if enough do to tell
+    nothing = FilteredPoints.nothing(len(points))
+    most = max(of_grasps.values(), key=lambda look: (look.apart <= OWN_M).sum(), default=nothing)
+    error = of_robot.joined(most).error()
     # beside the robot, and not on it: an obstacle whatever is held
-    foreign = ~of_robot.own()
-    others = of_robot.padded & ~beside_held & foreign
-    common = _pushed(things(others), (robot,), clear)
-    aside = {}
-    # of the grasp that the object is in its own points tell how deep any of them lie
-    spread = 2.0 * min((look.deepest() for look in of_grasps.values()), default=np.inf)
+    foreign = ~of_robot.own(error)
+    common = _pushed(things(of_robot.padded & ~beside_held & foreign), (robot,), clear)
+    within = foreign & ~most.inside & ((most.apart <= OWN_M).sum() >= FEWEST_INSIDE)
     for look in of_grasps.values():
-        foreign &= look.apart > spread
+        within &= look.apart > error
+    aside = {}
     # with the object in one grasp only what lies on it there is its own
     for grasp, look in of_grasps.items():
-        others = beside_held & ~of_robot.joined(look).own()
+        step("telling what is held from what is beside it")
+        others = beside_held & foreign & ~look.own(error)
         pushed = _pushed(things(others), (robot, held[grasp]), clear)
-        aside[grasp] = np.vstack([pushed, things(foreign & look.inside)])
+        aside[grasp] = np.vstack([pushed, things(within & look.inside)])
     kept[around] = ~(of_robot.padded | beside_held)
     return kept, NearPoints(common, aside, int((~kept).sum()))
 
