@@ -23,8 +23,8 @@ reach up and down by no more, with noise and slope."""
 _SURFACE_POINTS = 9
 """Points of a surface in a column, at least; and of these, whose errors are independent, at most:
 neighbouring pixels err alike."""
-_CALIBRATION_M = 0.05
-"""m between two surfaces that may be one; calibrations are not off by more."""
+_CALIBRATION_M = 0.12
+"""m between two surfaces that may be one; boards of a shelf are farther apart."""
 _TOGETHER_S = 0.5
 """s between two clouds between which nothing has moved."""
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.cloud import crop_cloud, thinned
+from placement_planner_ros.core.scene.cloud import STEP_M, crop_cloud, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
@@ -184,7 +184,11 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
     clear = parameters.planner_settings.collision.clear
     # each cloud is moved to where the robot that it shows is
-    points = np.vstack([np.zeros((0, 3)), *(each - camera_shift(robot, each) for each in clouds)])
+    moved = [np.zeros((0, 3))]
+    for each in clouds:
+        step("laying the clouds on the robot that they show")
+        moved.append(each - camera_shift(robot, each))
+    points = np.vstack(moved)
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
 
@@ -319,9 +323,10 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
     Args:
         environment: the run's; None where it is yet to be made.
     """
+    least = max(snapshot.parameters["contact_tolerance"], STEP_M)
     notes = [
         f"clouds disagree: {each}, over a patch that both see; nothing is put down there where "
-        "that is more than contact_tolerance and noise: calibrate the cameras"
+        f"that is more than {least:g} m and noise: calibrate the cameras"
         for each in (() if environment is None else environment.disagreements)
     ]
     if environment is not None and environment.sparse > _SPARSE_SHARE:

@@ -21,7 +21,7 @@ def told(first, second, apart=0.0):
     return disagreements([first, second], ["left", "right"], [0.0, apart], TOLERANCE)
 
 
-@pytest.mark.parametrize("off", [0.015, -0.015, 0.008])
+@pytest.mark.parametrize("off", [0.008, 0.015, -0.015, 0.06, -0.1])
 @pytest.mark.parametrize("deviation", [0.0, 0.002])
 def test_cameras_that_are_off_are_told_with_how_much_and_which_way(off, deviation):
     (found,) = told(table(0.0, 0, deviation), table(off, 1, deviation), apart=30.0)
@@ -41,6 +41,7 @@ def test_what_sees_the_same_does_not_contradict():
     assert not told(table(0.0, 0, 0.003), table(0.0, 1, 0.003))
     far = table(0.015, 1, low=(1.0, -0.3), high=(1.5, 0.3))
     assert not told(table(0.0, 0), far)
+    assert not told(table(0.0, 0), table(0.2, 1))  # the next board of a shelf
 
 
 def test_what_was_put_down_between_two_clouds_is_no_contradiction():
