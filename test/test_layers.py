@@ -23,6 +23,7 @@ ORDER = [
     "core.disk_cache",
     "core.uncounted",
     "core.kernels",
+    "core.measured_points",
     # libraries that each know one thing
     "core.scene",
     "core.body",

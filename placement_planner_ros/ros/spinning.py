@@ -20,22 +20,19 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.patience import LOOK_S
+from placement_planner_ros.ros.patience import LOOK_S, REST_S
 
 Made = TypeVar("Made")
-
-REST_S = 0.01
-"""From handing out a callback until it is looked what else is ready. Each look takes rclpy
-the better part of a millisecond of the interpreter, which the search waits for, and without a rest
-there are two or three for each message: as it comes, as it is taken, as its callback ends."""
 
 
 class PooledExecutor(Executor):
     """Callbacks in threads, like rclpy's `MultiThreadedExecutor`, but with an end to wait for.
 
     In Jazzy that one neither waits for callbacks when it is shut down nor says whether any is in
-    flight, so that they would fail over what is destroyed next. This one also rests between looks,
-    so where messages come faster than it looks, callbacks take those `waiting` too.
+    flight, so that they would fail over what is destroyed next. This one also rests between looks:
+    each takes rclpy the better part of a millisecond of the interpreter, which the search waits
+    for, and else there are two or three for each message, as it comes, as it is taken, as its
+    callback ends. Where messages come faster than it looks, callbacks take those `waiting` too.
 
     Args:
         calls: hears of services while they are being answered.

@@ -22,6 +22,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.mesh_distances import SolidSurface, rows_in_boxes
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.measured_points import measured_points
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
@@ -106,7 +107,10 @@ class KnownTask:
         clearance.envelope(1.0)
 
     def filter_cloud(self) -> None:
-        """Which points of a cloud belong to a surface, and which are far from all that matters."""
+        """Which points of a cloud are measurements, which belong to a surface, and which are far
+        from all that matters."""
+        one = np.ones(1)
+        measured_points((one, one, one), np.eye(4), 1.0)
         surface = SolidSurface.of(self._body.vertices[self._body.triangles])
         surface.distances(np.zeros((1, 3)), 0.01)
         rows_in_boxes(np.zeros((1, 3)), np.zeros((1, 2, 3)))

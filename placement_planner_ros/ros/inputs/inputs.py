@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, JointStateError, PlacementPlannerError
+from placement_planner_ros.core.measured_points import measured_points
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
@@ -29,7 +30,7 @@ from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovi
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface, PlacedBody
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
-from placement_planner_ros.ros.inputs.point_cloud import points_from_message
+from placement_planner_ros.ros.inputs.point_cloud import FAR_M, coordinates_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import DescriptionError, RobotInput
@@ -252,7 +253,8 @@ class Inputs:
         frame = header.frame_id.removeprefix(parameters["frame_prefix"])
         # where the frame was when the cloud was taken
         T_planning_cloud = self._frame_pose(frame, header.stamp, robot, parameters, wait=wait)
-        points = points_from_message(message, T_planning_cloud)
+        coordinates = coordinates_from_message(message)
+        points = measured_points(coordinates, T_planning_cloud.homogeneous, FAR_M)
         # without the prefix, which the links of the robot do not have
         self._frames[topic] = frame
         self.turned[topic] = turned_axes(frame, points, T_planning_cloud)

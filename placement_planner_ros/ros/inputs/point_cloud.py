@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
@@ -27,12 +26,9 @@ def some_of(points: Array, most: int = SOME_POINTS) -> Array:
     return points[:: -(-len(points) // most) or 1]
 
 
-def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:
-    """The cloud's finite points, (n, 3) metres in that frame, or in its own without one.
-
-    See `structured_points` for what is read. Points with coordinates that are NaN or beyond `FAR_M`
-    are left out, and those at the frame's origin, as which some drivers send pixels without a
-    measurement.
+def coordinates_from_message(message: PointCloud2) -> tuple[Array, Array, Array]:
+    """x, y and z of all of the cloud's points, (n,) each, metres; see `structured_points` for what
+    is read.
 
     Raises:
         CloudError: it cannot be read, or has more than `MAX_POINTS`.
@@ -42,15 +38,20 @@ def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = No
     if count > MAX_POINTS:
         raise CloudError("cloud", f"{count} points", f"it may have {MAX_POINTS}; thin it")
     view = structured_points(message)
-    if view.size == 0:
-        return np.empty((0, 3))
-    T = np.eye(4) if T_frame_cloud is None else T_frame_cloud.homogeneous
-    # each coordinate by itself, as the three need not lie side by side
+    # each by itself, as the three need not lie side by side
     x, y, z = (view[name].astype(np.float64).ravel() for name in "xyz")
-    near = (np.abs(x) <= FAR_M) & (np.abs(y) <= FAR_M) & (np.abs(z) <= FAR_M)  # and are numbers
-    kept = near & ((x != 0.0) | (y != 0.0) | (z != 0.0))
-    x, y, z = x[kept], y[kept], z[kept]
-    return np.column_stack([a * x + b * y + c * z + d for a, b, c, d in T[:3].tolist()])
+    return x, y, z
+
+
+def points_from_message(message: PointCloud2) -> Array:
+    """(n, 3) the points that `measured_points` has of a cloud in its own frame, without anything
+    that is compiled.
+
+    Raises:
+        CloudError: see `coordinates_from_message`.
+    """
+    points = np.column_stack(coordinates_from_message(message))
+    return points[(np.abs(points) <= FAR_M).all(axis=1) & points.any(axis=1)]
 
 
 def message_from_points(points: npt.NDArray[np.floating], header: Header) -> PointCloud2:

@@ -22,7 +22,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.ros.call_priority import CallPriority
-from placement_planner_ros.ros.patience import LOOK_S, STOP_PATIENCE_S
+from placement_planner_ros.ros.patience import LOOK_S, REST_S, STOP_PATIENCE_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
 from placement_planner_ros.ros.spinning import survive
@@ -129,7 +129,7 @@ class Preparation:
         try:
             with stoppable(should_stop):
                 # who prepares ahead lets go as soon as a run wants something else
-                while not self._making.acquire(timeout=LOOK_S):
+                while not self._making.acquire(timeout=REST_S):
                     step("making the environment of the clouds")
                 try:
                     made = self._make(snapshot)

@@ -5,7 +5,13 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.ros.inputs.point_cloud import message_from_points, points_from_message
+from placement_planner_ros.core.measured_points import measured_points
+from placement_planner_ros.ros.inputs.point_cloud import (
+    FAR_M,
+    coordinates_from_message,
+    message_from_points,
+    points_from_message,
+)
 
 POINTS = np.array([[0.5, -1.0, 2.0], [3.0, 4.0, -5.5], [0.25, 0.0, 1.0]])
 
@@ -63,11 +69,13 @@ def test_every_layout_gives_the_same_points(layout):
     np.testing.assert_array_equal(points_from_message(cloud(**layout)), POINTS)
 
 
-def test_points_that_are_not_finite_are_left_out():
-    points = np.vstack([POINTS, [np.nan, 0, 0], [0, np.inf, 0]])
+def test_what_is_no_measurement_is_left_out():
+    points = np.vstack([POINTS, [np.nan, 0, 0], [0, np.inf, 0], [0, 0, 0]])
     message = message_from_points(points, Header(frame_id="a"))
     assert not message.is_dense
     np.testing.assert_array_equal(points_from_message(message), POINTS)
+    coordinates = coordinates_from_message(message)
+    np.testing.assert_array_equal(measured_points(coordinates, np.eye(4), FAR_M), POINTS)
 
 
 def broken(**changes):
@@ -98,5 +106,5 @@ def test_contradicting_sizes_are_named(message, named):
 @pytest.mark.parametrize("layout", [{}, {"kind": "f8"}, {"start": 3, "step": 17}], ids=str)
 def test_points_come_in_the_frame_asked_for(layout):
     T = pin.SE3(pin.utils.rotate("z", 0.7), np.array([1.0, -2.0, 0.5]))
-    moved = points_from_message(cloud(**layout), T)
+    moved = measured_points(coordinates_from_message(cloud(**layout)), T.homogeneous, FAR_M)
     np.testing.assert_allclose(moved, POINTS @ T.rotation.T + T.translation, atol=1e-12)
