@@ -215,7 +215,7 @@ SITUATIONS = {
         "BAD_START",
         "self_filter.enabled",
         with_parameters(self_filter__enabled=True),
-        "in collision with the clouds",
+        "in collision with the surroundings",
     ),
     "an empty cloud": Situation(
         Inputs(points=np.zeros((0, 3))),

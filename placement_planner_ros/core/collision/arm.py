@@ -47,7 +47,7 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
-ENVIRONMENT = "the environment"
+ENVIRONMENT = "an obstacle"
 _QUEUED_INTERVALS = 4096
 """Of an edge that wait at a time."""
 _REMEMBERED_ARMS = 32

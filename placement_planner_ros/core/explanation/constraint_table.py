@@ -59,7 +59,7 @@ TABLE = {
     Verdict.NOT_BETTER: ConstraintRow(
         "were no better by the objective",
         (),
-        (("objective", "choose one that is above -inf somewhere"),),
+        (("objective", "choose one that is finite somewhere"),),
     ),
     Verdict.NO_IK: ConstraintRow(
         "had no arm reach them within its joint limits",
@@ -123,8 +123,8 @@ def demands(search: Search) -> dict[str, str]:
     # more obstacles than were measured, where it is known what was seen: unseen space counts
     if environment.obstacles is not environment.measured and environment.seen is not None:
         told["with_unknown"] = (
-            "set it to free, or to occupied_below where what is unseen lies high, or show more: "
-            f"{environment.seen:.0%} of `volume` have been seen"
+            "set it to free, or from occupied to occupied_below where what is unseen lies high, "
+            f"or show more: {environment.seen:.0%} of `volume` have been seen"
         )
     if (slope := slope_to_allow(environment)) is not None:
         told["max_slope"] = slope

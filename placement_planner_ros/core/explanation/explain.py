@@ -30,6 +30,7 @@ from placement_planner_ros.core.types import Verdict
 
 _FEW_SAMPLES = 500
 """Samples below which more time is the first thing to try."""
+_LONGER = "let it, or whoever stops the search, allow more time"
 _RULED = {  # what was asked for comes first
     Ruling.BREAKS_RULE: (Verdict.BREAKS_RULE, "against a rule"),
     Ruling.OUT_OF_REACH: (Verdict.NO_IK, "out of reach of every arm in every grasp"),
@@ -81,7 +82,7 @@ def _first_cause(search: Search, progress: Progress) -> Explanation:
         return _nothing_left(search, progress.rulings)
     if progress.count.samples == 0:
         cause = "no sample was tried: the run ended before the search began"
-        return Explanation(cause, (Remedy("time_limit", "let it search longer"),))
+        return Explanation(cause, (Remedy("time_limit", _LONGER),))
     return _no_motion(search, progress) if progress.found else _all_refused(search, progress)
 
 
@@ -113,9 +114,9 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
         f"{progress.iterations:,} planning iterations"
     )
     if progress.unreached:
-        cause += f" ({progress.unreached:,} motions failed certification)"
+        cause += f" ({progress.unreached:,} motions could not be shown to be free)"
     # what helps an arm that collides helps one that finds no way
-    more_time = Remedy("time_limit", "let it search longer")
+    more_time = Remedy("time_limit", _LONGER)
     return Explanation(cause, (more_time, *remedies_for(search, Verdict.ARM_COLLIDING)))
 
 
@@ -136,8 +137,7 @@ def _all_refused(search: Search, progress: Progress) -> Explanation:
     remedies = remedies_for(search, verdict)
     # few samples say little of what a longer search would find
     if count.samples < _FEW_SAMPLES:
-        more_time = f"let it search longer than {count.samples:,} samples take"
-        remedies = (Remedy("time_limit", more_time), *remedies)
+        remedies = (Remedy("time_limit", _LONGER), *remedies)
     return Explanation(
         f"in {count.samples:,} samples no placement was found: {refused:,} of {entered:,}{before} "
         f"{TABLE[verdict].did}",

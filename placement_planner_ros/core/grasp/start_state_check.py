@@ -39,7 +39,7 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-WITH_CLOUDS = "in collision with the clouds"
+WITH_CLOUDS = "in collision with the surroundings"
 """How a collision with the obstacle set begins, in words."""
 
 MOVE_ROBOT = "move the robot to where it keeps collision_margin with the object in hand"
@@ -294,7 +294,7 @@ class StartState:
         met = self._first_met(zones[:, 0], zones[:, 1], things, margin) if zones is not None else ""
         if not met:
             return None
-        words = met.replace("the environment", "a box of keep_out")
+        words = met.replace("an obstacle", "a box of keep_out")
         remedies = "make the boxes of keep_out smaller", MOVE_ROBOT
         return Fault(f"q_0 is not free: {words}", remedies)
 
@@ -326,7 +326,7 @@ class StartState:
                 at = pin.SE3(np.eye(3), (low + high) / 2)
                 if meet(shape, T, coal.Box(high - low), at, margin):
                     x, y, z = (low + high) / 2
-                    return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
+                    return f"{name} meets an obstacle at ({x:.3f}, {y:.3f}, {z:.3f})"
         return ""
 
 

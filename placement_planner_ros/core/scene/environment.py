@@ -52,7 +52,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
             "`volume`",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
             f"has {cells:.3g} cells of {cell_size:g} m, the `cell_size`; it may have "
-            f"{most:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
+            f"{most:.3g}: give less, boxes nearer to each other or a larger `cell_size`",
         )
 
 

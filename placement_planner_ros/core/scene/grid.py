@@ -358,9 +358,9 @@ def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[in
     if not np.isfinite(sides).all() or sides.prod() > settings.max_cells:
         shown = " x ".join(f"{side * settings.cell_size:.4g}" for side in sides)
         raise CloudError(
-            "workspace",
-            f"{shown} m",
-            f"is more than {settings.max_cells} cells of {settings.cell_size} m; "
-            "bring `volume` nearer to the robot, or set a larger cell size",
+            "`cell_size`",
+            settings.cell_size,
+            f"makes more than {settings.max_cells} cells of the {shown} m that are of interest; "
+            "set it higher, or a `volume` nearer to the robot",
         )
     return int(sides[0]), int(sides[1]), int(sides[2])

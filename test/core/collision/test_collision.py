@@ -229,7 +229,7 @@ def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):
     assert checker.free(np.array([face - 0.2 * 1.005 - 0.00301, 0.0]))
     close = np.array([face - 0.2 - 0.0031, 0.0])  # beside the rim, within the polygon around it
     assert not checker.free(close)
-    assert str(checker.meeting(close)).startswith("ball meets the environment at (0.4")
+    assert str(checker.meeting(close)).startswith("ball meets an obstacle at (0.4")
 
 
 def test_empty_environment_and_empty_hand(slider):
@@ -250,10 +250,10 @@ def test_a_meeting_names_the_nearest_box_or_the_middle_of_what_meets(slider):
     )
     for q in ((0.51, 0.1), (0.21, -0.1), (0.492, 0.033)):  # their middle is close to a wall
         said = str(checker.meeting(np.array(q), contact=True))
-        assert said.startswith("ball meets the environment at (")
+        assert said.startswith("ball meets an obstacle at (")
         assert np.abs(where(said) - [0.5 if q[0] > 0.4 else 0.2, q[1], 0.0]).max() < 0.011
     said = str(checker.meeting(np.array([0.477, 0.1])))
-    assert said.startswith("the held object meets the environment at (")
+    assert said.startswith("the held object meets an obstacle at (")
     assert abs(where(said)[0] - 0.5) < 0.006
     assert (np.abs(where(said) - [0.5, 0.1, -0.0405]) < [0.01, 0.03, 0.03]).all()
 

@@ -52,7 +52,7 @@ def test_it_judges_as_the_search_does(problem, known):
             said = faults(problem, (arm,), q, environment)
         except StartError as error:
             found.append(False)
-            in_cloud += "with the clouds" in str(error)
+            in_cloud += "with the surroundings" in str(error)
         else:
             assert said == ()
             found.append(True)

@@ -136,9 +136,9 @@ def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot)
     )
     assert start_notes(inside, preparing.ready(inside)) is not None
     preparing.ahead(inside)
-    with pytest.raises(StartError, match=r"with the clouds: .* meets the environment at"):
+    with pytest.raises(StartError, match=r"with the surroundings: .* meets an obstacle at"):
         start_notes(inside, preparing.ready(inside))
-    with pytest.raises(StartError, match="with the clouds"):
+    with pytest.raises(StartError, match="with the surroundings"):
         preparing.prepare(inside, never)
 
 
