@@ -85,7 +85,7 @@ def _cone_sides(friction: float) -> Array:
 @functools.cache
 def _disturbed_loads(margin: float) -> Array:
     """(`DIRECTIONS`, 6) weight with the wrench; those out of the wall and into it first."""
-    aside = _aside(margin) / math.cos(math.pi / DIRECTIONS)
+    aside = _aside(margin)
     turns = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     loads = np.zeros((DIRECTIONS, 6))
     loads[:, 0], loads[:, 1], loads[:, 2] = aside * np.cos(turns), aside * np.sin(turns), -1.0
@@ -93,5 +93,6 @@ def _disturbed_loads(margin: float) -> Array:
 
 
 def _aside(margin: float) -> float:
-    """Horizontal force by the weight that the wrench and gravity's tilt come to."""
-    return margin + math.tan(TILT_RAD)
+    """Horizontal force by the weight that the wrench and gravity's tilt come to, at a corner of the
+    polygon around all directions."""
+    return (margin + math.tan(TILT_RAD)) / math.cos(math.pi / DIRECTIONS)

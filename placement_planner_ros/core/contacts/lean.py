@@ -22,12 +22,13 @@ from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.contacts.lean_edges import SHORTEST_M, lean_edges
 from placement_planner_ros.core.contacts.lean_features import (
     TOUCHING_M,
+    Lack,
     Reach,
     Reaches,
     Strips,
     distinct_heights,
     is_held,
-    leans_far_enough,
+    least_lever,
 )
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
@@ -58,11 +59,11 @@ class LeanContact:
         self._reaches = Reaches(self._edges, problem.body.center_of_mass, footing)
         self._heights = distinct_heights(problem.environment.regions, footing.contact_tolerance)
         self._strips = Strips(problem.environment, self._heights, footing)
-        self._walls = problem.environment.walls
+        tolerance, lowest = footing.contact_tolerance, min(self._heights, default=math.inf)
+        # what ends at a surface is that surface's own side
+        self._walls = [w for w in problem.environment.walls if w.top > lowest + tolerance]
         self._behind = functools.cache(
-            lambda wall: self._walls[wall].is_behind(
-                problem.environment.obstacles, footing.contact_tolerance
-            )
+            lambda wall: self._walls[wall].is_behind(problem.environment.obstacles, tolerance)
         )
         self._touchable: dict[tuple[int, float], BoxArrays] = {}
         # Each feature is an edge with a wall and how it leans there; strips are for some of these.
@@ -154,7 +155,7 @@ class LeanContact:
             frame, tilt = self._frames[wall], float(self._tilts[wall])
             under, behind = (corners[row][on[row]] @ frame for on in (floor, against))
             lever = behind[:, 2].min() - under[:, 2].mean()
-            result[row] = leans_far_enough(lever, self._footing) and is_held(
+            result[row] = lever >= least_lever(self._footing) and is_held(
                 under, behind, tilt, centers[row] @ frame, self._footing
             )
         return result
@@ -246,7 +247,6 @@ class LeanContact:
         before it, a surface there, a wall that is high enough."""
         if self._features:
             return None
-        footing = self._footing
         if not self._heights:
             words = "there is no level surface in `volume` for an edge to stand on"
             return Missing(words, "volume", "choose one with a level surface")
@@ -258,33 +258,65 @@ class LeanContact:
             steep = math.degrees(STEEPEST_LEAN_RAD)
             upright = f"choose one before a wall that clouds show, {steep:g} degrees off at most"
             return Missing(words, "volume", upright)
-        if self._reaches.none:
-            words = (
+        for wall in self._walls:
+            reaches = dict.fromkeys(self._reaches.before(wall.tilt).values())
+            self._strips.before(wall, reaches, too_low=True)
+        return self._lacking()[max(self._reaches.lack, self._strips.lack)]
+
+    def _lacking(self) -> dict[Lack, Missing]:
+        """What is said of each."""
+        footing, highest = self._footing, self._reaches.highest
+        rise, touches = self._strips.lowest
+        return {
+            Lack.LONG_EDGE: Missing(
+                "no edge of the object is long enough to lean on: it would roll, or fall away from "
+                "a wall",
+                "body",
+                "check it and `scale`",
+            ),
+            Lack.LEVER: Missing(
+                f"the object is too small to lean: it would touch a wall {highest:.3f} m above a "
+                f"surface, and below {least_lever(footing):.3f} m one that is off by "
+                f"contact_tolerance {footing.contact_tolerance:g} turns it too far",
+                "contact_tolerance",
+                "lower it, if clouds are that exact",
+            ),
+            Lack.FRICTION: Missing(
                 f"leaning on a wall no edge stays with friction {footing.friction:g} and "
-                f"stability_margin {footing.stability_margin:g}"
-            )
-            rough = (
+                f"stability_margin {footing.stability_margin:g}",
+                "friction",
                 "raise it, if surfaces are rougher, lower stability_margin, or give "
-                "`center_of_mass`, if it is low"
-            )
-            return Missing(words, "friction", rough)
-        too_low = [
-            (wall.top - strip.z, reach.touches)
-            for wall in self._walls
-            for strip, reach in self._strips.before(
-                wall, dict.fromkeys(self._reaches.before(wall.tilt).values()), too_low=True
-            )
-            if wall.top - strip.z > footing.contact_tolerance  # not a surface's own side
-        ]
-        if too_low:
-            has, touches = max(too_low, key=lambda low: low[0] - low[1])
-            words = (
-                f"walls are too low: the highest is {has:.3f} m above a surface before it, and the "
-                f"object would touch it at {touches:.3f} m or more"
-            )
-            return Missing(words, "volume", "choose one before a higher wall")
-        words = "no surface in `volume` is as near to a wall as an edge would have to stand"
-        return Missing(words, "volume", "extend it to where floor and wall meet")
+                "`center_of_mass`, if it is low",
+            ),
+            Lack.LENGTH: Missing(
+                "edges that friction would hold are too short: the object tips over their ends "
+                f"with stability_margin {footing.stability_margin:g}",
+                "stability_margin",
+                "lower it",
+            ),
+            Lack.SURFACE: Missing(
+                "no surface in `volume` is as near to a wall as an edge would have to stand",
+                "volume",
+                "extend it to where floor and wall meet",
+            ),
+            Lack.HEIGHT: Missing(
+                f"walls are too low: the highest is {rise:.3f} m above a surface before it, and "
+                f"the object would touch it at {touches:.3f} m or more",
+                "volume",
+                "choose one before a higher wall",
+            ),
+            Lack.WIDTH: Missing(
+                "walls are narrower than what touches them",
+                "volume",
+                "choose one before a wider wall",
+            ),
+            Lack.MEASURED: Missing(
+                "where an edge would stand before a wall, surface or wall ends or was not seen at "
+                "the ends of what touches",
+                "volume",
+                "choose one before a wall that clouds show whole",
+            ),
+        }
 
     def _wall(self, feature: int) -> Wall:
         return self._walls[self._wall_of[feature]]

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_erosion
 
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, could_stay, stays
 from placement_planner_ros.core.contacts.lean_edges import LeanEdges
@@ -33,12 +35,33 @@ STEP_M = 0.2 * STRIP_M
 """m between distances from the wall at which it is looked whether an edge could stay."""
 
 
+class Lack(IntEnum):
+    """What the edge lacked that came nearest to leaning, in the order in which that is asked."""
+
+    LONG_EDGE = 0
+    """It would fall away from a wall, or roll, whatever the friction."""
+    LEVER = 1
+    """It would touch a wall too low."""
+    FRICTION = 2
+    LENGTH = 3
+    """It would tip over the ends of the edge."""
+    SURFACE = 4
+    """None is as near to a wall."""
+    HEIGHT = 5
+    """Of the wall."""
+    WIDTH = 6
+    """Of the wall."""
+    MEASURED = 7
+    """At the ends of what touches."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reach:
     """From where an edge leans.
 
     Attributes:
-        nearest, farthest: m from the wall between which it may stay.
+        nearest, farthest: m from the wall between which it may stay, wherever within the tolerance
+            of contacts the wall is.
         touches, touches_below: m above the surface between which the object touches the wall.
         half: m to either side of the edge's middle that it touches along the foot.
     """
@@ -55,6 +78,10 @@ class Reaches:
 
     Args:
         center: (3,) of mass, in the object's frame.
+
+    Attributes:
+        lack: what edges lack where none stays.
+        highest: m above a surface at which an edge touches a wall at most, as far as was asked.
     """
 
     def __init__(self, edges: LeanEdges, center: Array, footing: SupportSettings) -> None:
@@ -67,11 +94,8 @@ class Reaches:
             for points in turned
         ]
         self._known: dict[int, dict[int, Reach]] = {}
-
-    @property
-    def none(self) -> bool:
-        """Whether no edge stays anywhere, as far as was asked."""
-        return not any(self._known.values())
+        self.lack = Lack.LONG_EDGE
+        self.highest = 0.0
 
     def before(self, tilt: float) -> dict[int, Reach]:
         """Those of the edges that stay before walls that lean back by about so much."""
@@ -100,24 +124,32 @@ class Reaches:
         lowest = np.where(against, corners[..., 2], np.inf).min(axis=1, initial=np.inf)
         highest = np.where(against, corners[..., 2], -np.inf)
         top = corners[np.arange(len(R)), highest.argmax(axis=1)] if len(R) else centers
-        # Where it may stay in the plane across the foot, and does at some of these distances.
+        # Where it does not fall away from the wall, and touches it high enough.
         planar = centers[:, [0, 2]], top[:, [0, 2]], tilt
-        may = could_stay(*planar, footing.friction, footing.stability_margin)
-        rows = np.flatnonzero(may & leans_far_enough(lowest, footing))
-        for row in rows[[0, len(rows) // 2, -1]] if len(rows) else rows:
+        upright = could_stay(*planar, math.inf, footing.stability_margin)
+        high = upright & (lowest >= least_lever(footing))
+        self.highest = max(self.highest, lowest[upright].max(initial=0.0))
+        # Where friction may hold it in the plane across the foot, and would if the wall were off.
+        off = math.ceil(footing.contact_tolerance / STEP_M)
+        may = high & could_stay(*planar, footing.friction, footing.stability_margin)
+        rows = np.flatnonzero(binary_erosion(may, np.ones(2 * off + 1)))
+        passed = bool(upright.any()), bool(high.any()), len(rows) > 0
+        self.lack = max(self.lack, Lack(sum(passed)))
+        # It does at some of these distances.
+        for row in rows[[len(rows) // 2, 0, -1]] if len(rows) else rows:
             floor = corners[row][corners[row][:, 2] <= corners[row][:, 2].min() + TOUCHING_M]
             if is_held(floor, corners[row][against[row]], tilt, centers[row], footing):
-                ends = distances[rows[0]] - STEP_M, distances[rows[-1]] + STEP_M
+                ends = distances[rows[0]], distances[rows[-1]]
                 half = np.abs(corners[row][against[row], 1]).max()
                 heights = lowest[rows].min(), lowest[rows].max()
                 return Reach(*map(float, (*ends, *heights, half)))
         return None
 
 
-def leans_far_enough(lever: Array, footing: SupportSettings) -> npt.NDArray[np.bool_]:
-    """Whether a wall touched so many metres above the surface turns the object by no more than its
-    reserve where it is off by the tolerance."""
-    return np.asarray(lever * math.tan(TILT_RAD) >= footing.contact_tolerance)
+def least_lever(footing: SupportSettings) -> float:
+    """m above the surface at which a wall is touched at least: where it is off by the tolerance the
+    object turns by no more than its reserve."""
+    return footing.contact_tolerance / math.tan(TILT_RAD)
 
 
 def is_held(
@@ -150,6 +182,11 @@ class Strips:
 
     Args:
         heights: m, of level surfaces.
+
+    Attributes:
+        lack: what there was none of for the edge that came nearest to leaning.
+        lowest: m, how high a wall that is too low is above a surface, and how high the object
+            would touch it; of all that it lacks least.
     """
 
     def __init__(
@@ -158,39 +195,49 @@ class Strips:
         self._environment, self._heights = environment, heights
         self._footing = footing
         self._squares = functools.cache(self._with_surface)
+        self.lack = Lack.LONG_EDGE
+        self.lowest = (-math.inf, 0.0)
 
     def before(
-        self, wall: Wall, reaches: Iterable[Reach], *, too_low: bool = False
+        self, wall: Wall, reaches: Collection[Reach], *, too_low: bool = False
     ) -> list[tuple[Region, Reach]]:
         """One for each reach, and each height at which surface was measured there.
 
         Args:
-            too_low: those that would be there if the wall were high enough instead.
+            too_low: `lack` is told of those, too, that touch the wall above its top.
         """
         low, high = wall.extent[:, 0]
         found = []
         for height in self._heights:
-            # Those that touch the wall below its top.
-            wanted = [r for r in reaches if (r.touches > wall.top - height) == too_low]
-            if not wanted:
+            rise = wall.top - height
+            wanted = [reach for reach in reaches if too_low or reach.touches <= rise]
+            if rise <= self._footing.contact_tolerance or not wanted:  # a surface's own side
                 continue
             farthest = max(reach.farthest for reach in wanted)
             squares, middles = self._squares(height)
             away, along = wall.foot_distance(middles), middles @ wall.rotation[0]
             rows = (away > 0.0) & (away <= farthest + STRIP_M) & (along >= low) & (along <= high)
-            if not rows.any():
-                continue
             squares, middles, away, along = squares[rows], middles[rows], away[rows], along[rows]
             for reach in wanted:
-                # at least as wide as a square
+                # As near as it stays, at least as wide as a square; and the wall is as wide.
                 wider = max(0.5 * (STRIP_M - reach.farthest + reach.nearest), 0.0)
-                own = (away >= reach.nearest - wider) & (away <= reach.farthest + wider)
-                own &= (along >= low + reach.half) & (along <= high - reach.half)
-                rows = np.flatnonzero(own)
-                if len(rows) and not too_low:
+                near = (away >= reach.nearest - wider) & (away <= reach.farthest + wider)
+                rows = np.flatnonzero(
+                    near & (along >= low + reach.half) & (along <= high - reach.half)
+                )
+                if not near.any():
+                    lack = Lack.SURFACE
+                elif reach.touches > rise:
+                    lack = Lack.HEIGHT
+                    self.lowest = max(self.lowest, (rise, reach.touches), key=lambda x: x[0] - x[1])
+                elif not len(rows):
+                    lack = Lack.WIDTH
+                else:
+                    lack = Lack.MEASURED
                     rows = rows[self._has_ends(wall, reach, middles[rows])]
-                if len(rows):
-                    found.append((Region(squares[rows], height), reach))
+                    if len(rows):
+                        found.append((Region(squares[rows], height), reach))
+                self.lack = max(self.lack, lack)
         return found
 
     def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> npt.NDArray[np.bool_]:
