@@ -88,16 +88,16 @@ def bare_problem(body, environment=None):
     return Problem(None, (arm,), np.zeros(1), body, volume, environment)
 
 
+def carried_corners(patches, blocks):
+    """(n, 2) corners of what carries convex polygons (k, 2) of the object that touch."""
+    tops = [np.array(list(product(b.x, b.y)))[[0, 2, 3, 1]] for b in blocks]
+    return np.vstack([clipped(patch, top) for patch in patches for top in tops])
+
+
 def spare(patches, blocks, foot, height):
     """How far within the hull of what carries it a foot (2,) is, m, and by which angle an object
-    could be tipped whose centre of mass is so high; on level ground at z = 0.
-
-    Args:
-        patches: convex polygons (k, 2) of the object that touch.
-    """
-    tops = [np.array(list(product(b.x, b.y)))[[0, 2, 3, 1]] for b in blocks]
-    parts = [clipped(patch, top) for patch in patches for top in tops]
-    carried = np.vstack(parts)
+    could be tipped whose centre of mass is so high; on level ground at z = 0."""
+    carried = carried_corners(patches, blocks)
     if len(carried) < 3 or np.linalg.matrix_rank(carried - carried[0], tol=1e-6) < 2:
         return -np.inf, -np.inf
     inside = -(ConvexHull(carried).equations @ np.append(foot, 1.0)).max()

@@ -6,13 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from helpers.footholds import Block, bare_problem, pedestal, problem_on, rack, spare
+from helpers.footholds import (
+    Block,
+    bare_problem,
+    carried_corners,
+    pedestal,
+    problem_on,
+    rack,
+    spare,
+)
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.by_polygon import TIPS
 from placement_planner_ros.core.contacts.face import placement_pose
+from placement_planner_ros.core.contacts.friction_cones import DIRECTIONS, TILT_RAD, stays
 from placement_planner_ros.core.planner import PlannerSettings
 
 POLYGON = PlannerSettings(support="polygon")
@@ -133,6 +142,33 @@ def test_what_stands_is_what_plain_geometry_says(scene, name):
             core, _ = spare(patches, trimmed(blocks, 0.009), center[:2], center[2])
             assert core < 0.006 + max(margin, center[2] * np.tan(TIPS))
     assert stood or margin > 0.0 or name == "legged"
+
+
+@pytest.mark.parametrize("scene", ["bridge", "posts", "corner"])
+def test_friction_cones_under_a_face_bear_what_its_polygon_says(scene):
+    """A force aside moves the foot along gravity: it is borne where that stays in the hull."""
+    body, blocks = BODIES["off centre"], SCENES[scene]
+    poses = PoseConstraints(on_scene(scene, body), POLYGON.collision, POLYGON.footing, 0.0)
+    around = 1.001 / np.cos(np.pi / DIRECTIONS)  # directions are the corners of a polygon
+    said = set()
+    for face, contact, angle, _ in zip(*draw(poses, np.random.default_rng(4), 60), strict=True):
+        assert abs(contact[2]) < 1e-6
+        T = placement_pose(poses.problem.body.faces[face], contact, angle)
+        center = T.act(body.center_of_mass)
+        patches = patches_of(body, body.faces[face], T)
+        floor = carried_corners(patches, blocks)
+        if not len(floor):
+            continue
+        inside, _ = spare(patches, blocks, center[:2], center[2])
+        on = np.column_stack([floor, np.zeros(len(floor))]), np.zeros((0, 3)), 0.0, center, 0.6
+        for aside in (0.08, 0.2, 0.4):
+            bears = stays(*on, aside - np.tan(TILT_RAD))
+            if not 1.0 < inside / (aside * center[2]) < around:
+                assert bears == (inside > aside * center[2])
+                said.add(bears)
+        if scene != "corner" and poses.stable(T, int(face)):
+            assert stays(*on, np.tan(TIPS) / around - np.tan(TILT_RAD))
+    assert said == {True, False}
 
 
 def test_what_rises_from_a_foot_does_not_touch():
