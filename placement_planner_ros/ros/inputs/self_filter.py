@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import cKDTree
-from scipy.stats import median_abs_deviation, norm
+from scipy.special import ndtri
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import polytope_of
@@ -305,9 +305,9 @@ def _spread(nearest: Array, signed: Array) -> float:
     # along the surface, so that neighbours of a point do not err as it does
     _, around = cKDTree(nearest).query(inside[:, :3], FEWEST_INSIDE)
     off = inside[:, 3] - signed[around[:, 1:]].mean(axis=1)  # the first is the point itself
-    # errors are as many either way; what rises or falls steeply is little of a surface
-    deviation = median_abs_deviation(np.append(off, -off), scale="normal")
-    return float(norm.interval(TAIL_PERCENT / 100.0)[1] * deviation)
+    # half of the errors lie within a quartile; what rises or falls steeply is little of a surface
+    deviation = np.median(np.abs(off)) / ndtri(0.75)
+    return float(ndtri(0.5 + TAIL_PERCENT / 200.0) * deviation)
 
 
 def _upright_box(T: pin.SE3, tree: SolidSurface, cap: float) -> tuple[Array, Array]:
