@@ -135,18 +135,24 @@ class SlopeCloud:
             columns,
             corner,
             self.cell_size,
-            (height - band, height + band, rise, rise + STEP_M),
+            (height - band, height + band, rise, rise + STEP_M + SINGLE_ROUNDING),
         )
         return on, over, len(near)
 
-    def rays(self, height: float, band: float) -> tuple[Array, Array]:
+    def rays(self, height: float, band: float) -> tuple[Array, Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
-        well below passed it."""
+        well below passed it; (k, 2) where those did that ended below the band at all."""
         below = height - STEP_M - PASSED_NOISES * self.noise
         none = np.zeros((0, 2))
         ended = [sight.ended(height - band, height + band) for sight in self._rays]
-        passed = [sight.passed(height, below) for sight in self._rays]
-        return np.concatenate([none, *ended]), np.concatenate([none, *passed])
+        passed, crossed = (
+            [sight.passed(height, end) for sight in self._rays] for end in (below, height - band)
+        )
+        return (
+            np.concatenate([none, *ended]),
+            np.concatenate([none, *passed]),
+            np.concatenate([none, *crossed]),
+        )
 
 
 class _Sight:
@@ -404,20 +410,20 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
 
 
 def _seen_through(
-    raster: Raster, to_point: Field, ended: Array, passed: Array
+    raster: Raster, to_point: Field, ended: Array, passed: Array, crossed: Array
 ) -> tuple[Array, Mask]:
     """Discs (n, 3), pixels, that rays open which passed the layer; (nx, ny) whether rays tell that
-    the surface about a pixel has no holes of some share."""
+    the surface about a pixel has no holes of some share, as hardly one ended below it."""
     if not len(passed):
         return np.zeros((0, 3)), np.zeros(raster.shape, np.bool_)
-    passes = raster.sums(passed)[0]
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = raster.means(passes)
+    rays = raster.means(raster.sums(passed)[0])
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
     discs = np.column_stack([rays, np.maximum(0.5 * away, np.minimum(away, 0.75))])
     # a sensor that saw nothing below tells nothing of holes
     ends = raster.sums(ended if len(passed) >= SURE_COUNT else ended[:0])[0]
-    on, through = window_sums(np.stack([ends[0], passes[0]]), raster.width(3.0 * TILE_M))
+    crosses = raster.sums(crossed)[0]
+    on, through = window_sums(np.stack([ends[0], crosses[0]]), raster.width(3.0 * TILE_M))
     return discs, np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
 

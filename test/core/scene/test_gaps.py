@@ -104,6 +104,26 @@ def test_gaps_of_rods_that_show_a_row_of_points_each(diameter, pitch, spacing, s
     assert stands[inside(probes) < -0.0015].mean() < 0.1
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+@pytest.mark.parametrize(
+    ("diameter", "pitch", "spacing"),
+    [(0.003, 0.015, 0.004), (0.005, 0.025, 0.005), (0.006, 0.04, 0.002)],
+)
+def test_of_two_rows_of_crossed_rods_nothing_but_rods_carries(diameter, pitch, spacing, noise):
+    """As of an oven rack: a row lies across beneath the other."""
+    rng = np.random.default_rng(5)
+    upper, along = rods(diameter, pitch, spacing, rng, 0.4)
+    lower, across = rods(diameter, 1.5 * pitch, spacing, rng, 0.4 + 0.5 * np.pi)
+    points = np.vstack([upper, lower - [0.0, 0.0, diameter]])
+    points += rng.normal(0.0, noise, points.shape)
+    regions, support = support_of(points)
+    probes = rng.uniform(-HALF, HALF, (20000, 2))
+    depth = np.maximum(along(probes), across(probes))
+    for z in (Z, Z - diameter, *(region.z for region in regions)):
+        assert not support.supported(at(probes, z), TOLERANCE)[depth < -0.0015 - noise].any()
+        assert not support.supported(at(probes, z), TOLERANCE, 0.003).any()
+
+
 @pytest.mark.parametrize("spacing", [0.0025, 0.005])
 def test_all_of_the_top_of_a_can_carries(spacing):
     """Its wall is below the points at its rim, on one side."""

@@ -13,7 +13,9 @@ from placement_planner_ros.ros.run.surroundings import environment_notes
 VOLUME = TargetVolume([-0.2, -0.2, -0.05], [0.2, 0.2, 0.05])
 NOISE = 0.0005
 CORNERS = np.array([(x, y, 0.0) for x in (-0.04, 0.04) for y in (-0.04, 0.04)])
-SNAPSHOT = SimpleNamespace(parameters={"unknown_space": "free"}, parts=())
+SNAPSHOT = SimpleNamespace(
+    parameters={"unknown_space": "free", "contact_tolerance": 0.003}, parts=()
+)
 TOLERANCE, MARGIN = 0.003, 0.003
 SENSOR = np.array([0.05, -0.1, 1.0])
 FLOOR = np.tile([1.5, 0.0, -0.7], (12, 1))
@@ -72,6 +74,20 @@ def test_a_grating_is_no_floor(width, pitch, leaf, sensor):
 
     for seed in range(3):
         assert carried(voxel_filtered(bars, leaf, seed), sensor) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("spacing", "noise", "width", "pitch"),
+    [(0.005, 0.003, 0.005, 0.015), (0.004, 0.002, 0.006, 0.02), (0.004, 0.002, 0.004, 0.02)],
+)
+def test_a_grating_is_no_floor_where_noise_hides_what_rays_passed(spacing, noise, width, pitch):
+    """So near is what they met below it."""
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        line = [np.arange(-0.3, 0.3, spacing) + rng.uniform(0.0, spacing)] * 2
+        x, y = (each.ravel() for each in np.meshgrid(*line))
+        z = np.where((y + 0.3) % pitch < width, 0.0, -0.015) + rng.normal(0.0, noise, len(x))
+        assert carried(np.column_stack([x, y, z]), SENSOR) < 0.02
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.scene.environment import find_regions
+from placement_planner_ros.core.scene.environment import Environment, find_regions
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.scenes import scene_by_name
 
 BOUNDS = (np.array([-0.35, -0.35, -0.1]), np.array([0.35, 0.35, 0.3]))
 VOLUME = TargetVolume(*BOUNDS)
@@ -130,6 +132,35 @@ def test_the_margin_is_kept_from_drops_and_from_the_unseen_but_not_from_things()
         # up to the wall, the rim and the box
         beside = np.minimum(0.25 - probes.max(axis=1), np.abs(probes - [-0.14, 0.14]).max(axis=1))
         assert (stands & (drop > margin + 0.012) & (beside < 0.045)).sum() > 20
+
+
+@pytest.mark.parametrize(
+    ("name", "deck", "edges"),
+    [
+        ("table", "table", "x -x y -y"),
+        ("cabinet_low_clutter", "drawers", "-x"),
+        ("cabinet_high_clutter", "drawers", "-x"),
+    ],
+)
+def test_of_what_is_8_cm_from_edges_and_1_cm_from_things_nearly_all_keeps_a_margin_of_8_cm(
+    name, deck, edges
+):
+    """A cabinet's walls, its thin divider and what stands in it are things, not edges."""
+    scene = scene_by_name(name)
+    support = Environment.from_points(complete_cloud(scene), scene.volume).support
+    (plate,) = (part.vertices for part in scene.parts if part.name == deck)
+    low, high, z = plate.min(axis=0)[:2], plate.max(axis=0)[:2], plate[:, 2].max()
+    probes = np.random.default_rng(0).uniform(low, high, (8000, 2))
+    away = {"-x": probes[:, 0] - low[0], "x": high[0] - probes[:, 0]}
+    away |= {"-y": probes[:, 1] - low[1], "y": high[1] - probes[:, 1]}
+    kept = np.all([away[edge] >= 0.08 for edge in edges.split()], axis=0)
+    for part in scene.parts:
+        if part.name != deck and part.vertices[:, 2].min() < z + 0.02:
+            kept &= inward(ConvexHull(part.vertices[:, :2]), probes) < -0.01
+    kept &= (probes >= scene.volume.lower[:2]).all(1) & (probes <= scene.volume.upper[:2]).all(1)
+    stands = support.supported(on_plane(probes, z), TOLERANCE, 0.08)
+    assert kept.sum() > 1000
+    assert stands[kept].mean() > 0.97
 
 
 def test_edges_of_noisy_surfaces_are_moved_in():
