@@ -183,7 +183,7 @@ def test_what_is_barely_beyond_a_limit_is_planned_from_there_and_told(bench):
     b.call("stop")
     stand(b, lift=-0.04)
     b.wait(lambda: b.call("start").code == "BAD_START", again=lambda: stand(b, lift=-0.04))
-    assert "lift = -0.0400 is not in" in b.call("start").words
+    assert "lift = -0.04 is 0.04 beyond its limits" in b.call("start").words
     assert b.call("start_with", start_limit_tolerance=0.05).code == "OK"
 
 
