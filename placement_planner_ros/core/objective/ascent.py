@@ -28,7 +28,7 @@ class AscentSettings(Settings):
     """
 
     first_step: float = setting(0.02, "(0, inf)", "m")
-    last_step: float = setting(2e-4, "(0, inf)", "m")
+    last_step: float = setting(1e-3, "(0, inf)", "m")
     turn_radius: float = setting(0.1, "(0, inf)", "m")
     max_steps: int = setting(100, "[0, inf)")
 
