@@ -71,7 +71,7 @@ class _Surfaces:
     def of(cls, points: Array) -> _Surfaces:
         stopping.step("finding the heights that each cloud shows")
         columns = np.floor(points[:, :2] / COLUMN_M).astype(np.int64)
-        rows = np.lexsort([points[:, 2], columns[:, 1], columns[:, 0]])
+        rows = np.argsort(_in_one_number([columns], [points[:, 2]])[0])
         columns, z = columns[rows], points[rows, 2]
         # a surface ends with its column, or where a gap is above it
         ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > STEP_M)
@@ -102,7 +102,7 @@ def disagreements(
     only part of what both see differs.
 
     Args:
-        clouds: (n, 3) metres each, without the robot.
+        clouds: (n, 3) metres each, without the robot, of a space of some metres.
         times: when they were taken, s.
         tolerance: metres that what stands may be off by.
     """
@@ -135,20 +135,26 @@ def disagreements(
 
 def _matched_surfaces(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
     """Rows of surfaces in the same column that are each other's nearest and no further apart."""
-    low = np.minimum(first.columns.min(axis=0, initial=0), second.columns.min(axis=0, initial=0))
-    wide = 1 + max(int(s.columns[:, 1].max(initial=0)) for s in (first, second)) - low[1]
-    # one number for both: columns are farther apart in it than any two heights
-    step = 1.0 + 2.0 * max(float(np.abs(s.height).max(initial=0.0)) for s in (first, second))
-    keys = [
-        ((s.columns[:, 0] - low[0]) * wide + s.columns[:, 1] - low[1]) * step + s.height
-        for s in (first, second)
-    ]
+    both = first, second
+    keys = _in_one_number([s.columns for s in both], [s.height for s in both])
     there, back = _nearest_heights(keys[0], keys[1]), _nearest_heights(keys[1], keys[0])
     if not len(keys[0]) or not len(keys[1]):
         return there[:0], there[:0]
     rows = np.flatnonzero(back[there] == np.arange(len(keys[0])))
     rows = rows[np.abs(keys[0][rows] - keys[1][there[rows]]) <= _CALIBRATION_M]
     return rows, there[rows]
+
+
+def _in_one_number(columns: Sequence[Rows], heights: Sequence[Array]) -> list[Array]:
+    """Of columns (n, 2) and heights (n,) in them one number each: columns are farther apart in it
+    than any two heights."""
+    low = np.min([each.min(axis=0, initial=0) for each in columns], axis=0)
+    wide = 1 + max(int(each[:, 1].max(initial=0)) for each in columns) - low[1]
+    apart = 1.0 + 2.0 * max(float(np.abs(each).max(initial=0.0)) for each in heights)
+    return [
+        ((each[:, 0] - low[0]) * wide + each[:, 1] - low[1]) * apart + height
+        for each, height in zip(columns, heights, strict=True)
+    ]
 
 
 def _nearest_heights(of: Array, among: Array) -> Rows:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core import stopping
 from placement_planner_ros.core.scene.cells import Bins, Rows
 from placement_planner_ros.core.scene.cloud import SAMPLES
 from placement_planner_ros.core.types import Array
@@ -223,6 +224,7 @@ def without_noise(
     if noise > floor:
         # the second time from planes that the first has made sharper
         for few in (0, fewest):
+            stopping.step("laying points on their surfaces")
             points = _on_surfaces(bins, middle, size, noise, few, bounds)
             bins = bins._replace(points=points)
         return points, noise

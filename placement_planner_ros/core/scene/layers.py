@@ -40,6 +40,7 @@ from placement_planner_ros.core.scene.rasters import (
     widest_empty_disc,
     window_sums,
 )
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
 
 LAYER_STEP_M = 0.001
@@ -290,6 +291,7 @@ def make_layers(
 
 
 def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | None:
+    step("making the layer of a surface")
     noise = cloud.noise
     # how far off the height points may be, and tops, with the noise that is left in them
     band = tolerance + 0.5 * LAYER_STEP_M + noise

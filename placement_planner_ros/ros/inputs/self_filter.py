@@ -221,6 +221,7 @@ def near_points(
     kept = np.ones(len(points), np.bool_)
     points = points[around]
     # how each point lies to the robot, and to the object in every grasp
+    step("telling the robot from what is beside it")
     of_robot = robot.look(points)
     of_grasps = {}
     for grasp, outline in held.items():

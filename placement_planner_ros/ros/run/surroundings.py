@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.collision.mesh_distances import rows_in_boxes
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.cloud import STEP_M, crop_cloud, thinned
@@ -216,6 +217,9 @@ def _disagreements(snapshot: Snapshot, each: list[_Filtered]) -> tuple[Disagreem
     of_topics = [(part, real[kept]) for part, real, kept in each if part.topic]
     if len(of_topics) < 2:
         return ()
+    lower, upper = _workspace(snapshot)
+    box = np.array([[0.5 * (lower + upper), 0.5 * (upper - lower)]])
+    of_topics = [(part, points[rows_in_boxes(points, box)]) for part, points in of_topics]
     return tuple(
         disagreements(
             [points for _, points in of_topics],
