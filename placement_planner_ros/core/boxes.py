@@ -19,6 +19,8 @@ def disjoint_rectangles(rectangles: Array) -> Array:
     Returns:
         (m, 2, 2), in lexicographic order.
     """
+    if len(rectangles) == 1 and (rectangles[0, 1] > rectangles[0, 0]).all():
+        return rectangles.copy()
     x, y = (np.unique(rectangles[:, :, axis]) for axis in range(2))
     if len(x) < 2 or len(y) < 2:
         return np.zeros((0, 2, 2))

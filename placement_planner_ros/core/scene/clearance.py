@@ -113,22 +113,14 @@ class ClearanceField:
         after = np.maximum(np.nan_to_num(last, neginf=0.0) - kept + 1, 0.0).astype(np.int64)
         rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
         faces, number = _slices_of_ends(runs.end, float(volume.lower[2] - rises.max(axis=0).sum()))
-        order = np.argsort(-number, kind="stable")
-        elements = np.zeros((len(order), 4))
-        elements[:, :2] = (runs.at[order] - low) / pixel + before
+        shape = (int(before[0] + kept[0] + after[0]), int(before[1] + kept[1] + after[1]))
+        at = (runs.at - low) / pixel + before
+        rows = _telling_runs(at, runs.bottom, number, len(faces), shape)
+        elements = np.zeros((len(rows), 4))
+        elements[:, :2] = at[rows]
         stopping.step("handing distances on")
         values = np.full((len(faces) - 1, *kept, 2), np.float32(CAP))
-        shape = before + kept + after
-        _fill_slices(
-            elements,
-            runs.bottom[order],
-            number[order],
-            faces,
-            pixel,
-            (int(shape[0]), int(shape[1])),
-            before,
-            values,
-        )
+        _fill_slices(elements, runs.bottom[rows], number[rows], faces, pixel, shape, before, values)
         for array in (values, faces, low):
             array.setflags(write=False)
         self._table = ClearanceTable(values, faces, low, pixel, LIFT_M)
@@ -216,11 +208,11 @@ def _runs_of_columns(
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         # only what lies in one of the boxes
         counts = False
-        for box in boxes:
+        for b in range(len(boxes)):
             counts = counts or (
-                box[0, 0] <= x <= box[1, 0]
-                and box[0, 1] <= y <= box[1, 1]
-                and box[0, 2] <= z <= box[1, 2]
+                boxes[b, 0, 0] <= x <= boxes[b, 1, 0]
+                and boxes[b, 0, 1] <= y <= boxes[b, 1, 1]
+                and boxes[b, 0, 2] <= z <= boxes[b, 1, 2]
             )
         if counts:
             i, j = (
@@ -235,7 +227,7 @@ def _runs_of_columns(
     for column in range(len(start) - 1):
         start[column + 1] += start[column]
     # each behind those of its column that are already there
-    fill, held = start.copy(), np.empty((start[-1], 3))
+    fill, held = start.copy(), np.empty((start[-1], 3), np.float32)
     for p in range(len(points)):
         if column_of[p] >= 0:
             x, y = float(points[p, 0]), float(points[p, 1])
@@ -284,7 +276,8 @@ def _slices_of_ends(end: Array, low: float) -> tuple[Array, npt.NDArray[np.int64
     if len(end) == 0:
         return np.zeros(1), np.zeros(0, np.int64)
     step = np.floor(end / END_STEP_M).astype(np.int64)
-    of_run = np.unique(step, return_inverse=True)[1]
+    step -= step.min()
+    of_run = ((np.bincount(step) > 0).cumsum() - 1)[step]
     weight = np.bincount(of_run).astype(np.float64)
     height = np.bincount(of_run, weights=end) / weight
     height, group = _joined_ends(height, weight, MOST_HEIGHTS)
@@ -328,6 +321,57 @@ def _contiguous_view(values: Array) -> Array:
     view = np.ascontiguousarray(values, dtype=np.float64).view()
     view.setflags(write=False)
     return view
+
+
+@njit(cache=True, nogil=True)
+def _telling_runs(
+    at: Array,
+    bottom: Array,
+    number: npt.NDArray[np.int64],
+    slices: int,
+    shape: tuple[int, int],
+) -> npt.NDArray[np.int64]:
+    """(k,) rows of runs, those that end highest first: of those that end in one slice in one pixel
+    the nearest to its middle, and that which reaches down furthest, if this is by a voxel.
+
+    Args:
+        at: (n, 2) x and y, pixels.
+        bottom, number: (n,) where each begins, m, and the slice that it ends at.
+        shape: of the raster, which holds all.
+    """
+    # by slice, the highest first
+    start = np.zeros(slices + 1, np.int64)
+    for k in number:
+        start[slices - 1 - k] += 1
+    start = start.cumsum()
+    rows = np.empty(len(number), np.int64)
+    for k in range(len(number) - 1, -1, -1):
+        start[slices - 1 - number[k]] -= 1
+        rows[start[slices - 1 - number[k]]] = k
+    nearest, deepest = np.full(shape, np.int32(-1)), np.full(shape, np.int32(-1))
+    kept, m = np.empty(len(number), np.int64), 0
+    for s in range(slices):
+        # the nearest of each pixel, and the deepest
+        for turn in range(2):
+            for n in range(start[s], start[s + 1]):
+                k = rows[n]
+                i, j = int(at[k, 0] + 0.5), int(at[k, 1] + 0.5)
+                i, j = min(max(i, 0), shape[0] - 1), min(max(j, 0), shape[1] - 1)
+                near, deep = nearest[i, j], deepest[i, j]
+                if turn == 0:
+                    away = (at[k, 0] - i) ** 2 + (at[k, 1] - j) ** 2
+                    if near < 0 or away < (at[near, 0] - i) ** 2 + (at[near, 1] - j) ** 2:
+                        nearest[i, j] = k
+                    if deep < 0 or bottom[k] < bottom[deep]:
+                        deepest[i, j] = k
+                elif near >= 0:  # told once
+                    kept[m] = near
+                    m += 1
+                    if bottom[deep] < bottom[near] - VOXEL_M:
+                        kept[m] = deep
+                        m += 1
+                    nearest[i, j] = deepest[i, j] = -1
+    return kept[:m].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -375,6 +419,10 @@ def _fill_slices(
             for j in range(ny):
                 k = who[first[0] + i, first[1] + j]
                 if k < 0:
+                    continue
+                if bottom[k] <= faces[s]:  # none of it is above
+                    distance = min(near[first[0] + i, first[1] + j] * pixel, values[s, i, j, 0])
+                    values[s, i, j, 0] = values[s, i, j, 1] = distance
                     continue
                 # sideways from the pixel to its run
                 dx = (elements[k, 0] - i - first[0]) * pixel

@@ -220,19 +220,20 @@ def without_noise(
     counts = np.diff(bins.start)
     fewest = min_points if np.median(counts) >= 4 else 0
     middle = origin + 0.5 * size * np.array(bins.number_at.shape)
-    noise = _estimate_noise(bins, middle, size)
+    moments = _cell_moments(bins, middle)
+    noise = _estimate_noise(bins, moments, size)
     if noise > floor:
-        # the second time from planes that the first has made sharper
-        for few in (0, fewest):
-            stopping.step("laying points on their surfaces")
-            points = _on_surfaces(bins, middle, size, noise, few, bounds)
-            bins = bins._replace(points=points)
-        return points, noise
+        stopping.step("laying points on their surfaces")
+        planes = _fit_planes(moments, bins, size, middle, noise)
+        bins = bins._replace(points=_on_surfaces(bins, planes, noise, 0, bounds))
+        stopping.step("laying points on surfaces that are sharper now")
+        planes = _fit_planes(_cell_moments(bins, middle), bins, size, middle, noise)
+        return _on_surfaces(bins, planes, noise, fewest, bounds), noise
     lone = lone_cells(bins, counts, fewest)
     return (bins.points[np.repeat(~lone, counts)] if lone.any() else None), 0.0
 
 
-def _estimate_noise(bins: Bins, middle: Array, size: float) -> float:
+def _estimate_noise(bins: Bins, moments: Array, size: float) -> float:
     """Standard deviation of the points about their surfaces, metres; 0 where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
@@ -240,7 +241,6 @@ def _estimate_noise(bins: Bins, middle: Array, size: float) -> float:
     quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
     stride = max(1, len(bins.cells) // (2 * SAMPLES))
-    moments = _cell_moments(bins, middle)
     around = _plane_scatter(moments, bins, size, 1, stride, SURFACE_POINTS)
     if not len(around) or len(around) < SURFACE_SHARE * len(bins.cells) / stride:
         return 0.0
@@ -255,20 +255,21 @@ def _estimate_noise(bins: Bins, middle: Array, size: float) -> float:
 
 def _on_surfaces(
     bins: Bins,
-    middle: Array,
-    size: float,
+    planes: tuple[Array, Mask],
     noise: float,
     min_points: int,
     bounds: tuple[Array, Array],
 ) -> Array:
     """Points of a noisy cloud, projected onto their surfaces and kept within the bounds.
 
+    Args:
+        planes: `_fit_planes` of the cells.
+
     Returns:
         (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
         things) stay where they are.
     """
-    planes, flat = _fit_planes(_cell_moments(bins, middle), bins, size, middle, noise)
-    moved, off = _project_points(bins, planes, flat, noise, *bounds)
+    moved, off = _project_points(bins, *planes, noise, *bounds)
     # points off every plane, and cells with too few of them around
     unexplained = np.isnan(off)
     counts = np.add.reduceat(unexplained, bins.start[:-1], dtype=np.int64)
@@ -376,7 +377,8 @@ def _project_points(
                     ends[ring + 1] = _gather_planes(bins, flat, r, ring, candidates, ends[ring])
                     gathered += 1
                 # the nearest plane of this ring
-                for q in candidates[ends[ring] : ends[ring + 1]]:
+                for c in range(ends[ring], ends[ring + 1]):
+                    q = candidates[c]
                     d = -planes[q, 3]
                     for a in range(3):
                         d += planes[q, a] * points[p, a]

@@ -176,18 +176,19 @@ class ObstacleSet:
 
         bounds = kernel_input(lower), kernel_input(upper)
 
-        def sort(points: Array) -> Bins:
-            number_at = np.zeros(shape, np.int32)
+        def sort(points: Array, number_at: npt.NDArray[np.int32]) -> Bins:
             found = sort_into_cells(kernel_input(points), origin, size, *bounds, number_at)
             return Bins(*found, number_at)
 
-        bins = sort(cloud)
+        bins = sort(cloud, np.zeros(shape, np.int32))
         if noise is None and len(bins.cells):
             step("telling noise from surfaces")
             clean, noise = without_noise(
                 bins, origin, size, settings.noise_floor, settings.min_points, (lower, upper)
             )
-            bins = bins if clean is None else sort(clean)
+            if clean is not None:
+                bins.number_at[tuple(bins.cells.T)] = 0  # less is touched than in another array
+                bins = sort(clean, bins.number_at)
         step("making boxes of cells")
         noise = noise or 0.0
         skin = surface_tolerance(noise)

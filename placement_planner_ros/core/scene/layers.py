@@ -16,14 +16,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
-from scipy.ndimage import label, map_coordinates, maximum_filter
+from scipy.ndimage import label, map_coordinates
 
-from placement_planner_ros.core.scene.cloud import AROUND_M, STEP_M, SURE_NOISES
+from placement_planner_ros.core.scene.cloud import AROUND_M, SAMPLES, STEP_M, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.rasters import (
     AREA_PER_POINT,
@@ -35,6 +34,7 @@ from placement_planner_ros.core.scene.rasters import (
     Field,
     Index,
     Mask,
+    Rows,
     hand_on_nearest,
     pixel_sums,
     widest_empty_disc,
@@ -42,6 +42,8 @@ from placement_planner_ros.core.scene.rasters import (
 )
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
+
+_AnyImage = TypeVar("_AnyImage", bound=npt.NDArray)
 
 LAYER_STEP_M = 0.001
 """m between the heights of layers: what is looked up is so at the nearest of them."""
@@ -120,25 +122,38 @@ class SlopeCloud:
         near = self.tops[np.abs(self.tops[:, 2] - height) <= reach, :2]
         if len(near) == 0:
             return np.zeros((0, 3)), np.zeros((0, 2)), 0
+        # their columns of cells, and those beside; none at the rim
         corner = near.min(axis=0) - 2.0 * self.cell_size
-        # their columns of cells, and those beside
         cells = ((near - corner) / self.cell_size).astype(np.int64)
         columns = np.zeros(cells.max(axis=0) + 3, np.bool_)
         columns[tuple(cells.T)] = True
-        columns = maximum_filter(columns, 3)
-        points = np.ascontiguousarray(self.points, np.float32).view()
-        points.setflags(write=False)
-        low, high = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
-        on, over = _points_about(
-            points,
-            self.slope,
-            np.stack([low, high]),
-            columns,
-            corner,
-            self.cell_size,
-            (height - band, height + band, rise, rise + STEP_M + SINGLE_ROUNDING),
+        columns = _spread(columns, 1)
+        places, heights = self._about
+        top = rise + STEP_M + SINGLE_ROUNDING
+        rows = np.flatnonzero((heights > height - band) & (heights <= top))
+        (x, y), heights = places.take(rows, axis=1), heights.take(rows)
+        i, j = (
+            ((each - first) * (1.0 / self.cell_size)).clip(0.0, many - 1.0).astype(np.int64)
+            for each, first, many in zip((x, y), corner.tolist(), columns.shape, strict=True)
         )
-        return on, over, len(near)
+        on, over = (heights <= height + band) & columns[i, j], heights > rise
+        return (
+            np.column_stack([x[on], y[on], heights[on]]).astype(np.float64),
+            np.column_stack([x[over], y[over]]).astype(np.float64),
+            len(near),
+        )
+
+    @cached_property
+    def _about(self) -> tuple[Field, Field]:
+        """(2, n) x and y of the points about V, and their heights (n,)."""
+        places = np.asarray(self.points.T, np.float32, order="C")
+        heights = places[2] - self.slope[0] * places[0] - self.slope[1] * places[1]
+        about = np.ones(len(heights), np.bool_)
+        for axis in range(2):
+            about &= places[axis] >= float(self.volume.lower[axis] - AROUND_M)
+            about &= places[axis] < float(self.volume.upper[axis] + AROUND_M)
+        rows = np.flatnonzero(about)
+        return places[:2].take(rows, axis=1), heights.take(rows)
 
     def rays(self, height: float, band: float) -> tuple[Array, Array, Array]:
         """(n, 2) where rays ended within the band about a height, and (m, 2) where those that ended
@@ -182,6 +197,21 @@ class _Sight:
         return self._origin + share[:, None] * (self._ends[rows] - self._origin)
 
 
+def _spread(image: _AnyImage, reach: int) -> _AnyImage:
+    """(nx, ny) the greatest value within the square of so many pixels to each side."""
+    result, done = image.copy(), 0
+    for axis in range(2):
+        along, done = np.moveaxis(result, axis, 0), 0
+        while done < reach:
+            # what is known of 2 done + 1 pixels is so of three times as many
+            step = min(2 * done + 1, reach - done)
+            known = along.copy(order="K")
+            np.maximum(along[step:], known[:-step], out=along[step:])
+            np.maximum(along[:-step], known[step:], out=along[:-step])
+            done += step
+    return result
+
+
 def _with_corners(gap: Field, narrow: float) -> Field:
     """Discs of gaps, those of holes grown so that they reach into their corners.
 
@@ -198,8 +228,27 @@ def _with_corners(gap: Field, narrow: float) -> Field:
     return np.where(hole[labels], gap + deep, gap)
 
 
+class HeldPixels(NamedTuple):
+    """The pixels of a raster in which points are.
+
+    Attributes:
+        pixels: (m,) numbered row by row.
+        number: (m,) points in each.
+        means: (m, 2) their mean position, pixels.
+        total, highest: (m,) sum and greatest of their last column.
+        of_point: (n,) which of these each point is in, or -1.
+    """
+
+    pixels: Rows
+    number: Array
+    means: Array
+    total: Array
+    highest: Array
+    of_point: Rows
+
+
 class Raster:
-    """A grid of pixels around points, which are in metres until `at` has them in pixels.
+    """A grid of pixels around points, which are in metres until `held` has them in pixels.
 
     Args:
         low, high: (2,) corners of the points, m.
@@ -213,16 +262,17 @@ class Raster:
         shape = np.ceil((high + rim - self.origin) / pixel).astype(int) + 1
         self.shape = (int(shape[0]), int(shape[1]))
 
-    def sums(self, points: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-        """`pixel_sums` of points (n, 2 or more), m."""
-        return pixel_sums(points, self.origin, self.pixel, self.shape)
+    def held(self, points: Array) -> HeldPixels:
+        """Where points (n, 2 or 3), m, are."""
+        pixels, sums, of_point = pixel_sums(points, self.origin, self.pixel, self.shape)
+        means = (sums[:, 1:3] / sums[:, :1] - self.origin) / self.pixel
+        return HeldPixels(pixels, sums[:, 0], means, sums[:, -2], sums[:, -1], of_point)
 
-    def means(self, sums: Array) -> Array:
-        """(m, 2) mean position, in pixels, of the points of each pixel that has any, in order."""
-        count, *along = sums[:3].reshape(3, -1)
-        held = np.flatnonzero(count)
-        at = np.column_stack([each.take(held) for each in along]) / count.take(held)[:, None]
-        return np.asarray((at - self.origin) / self.pixel)
+    def image(self, pixels: Rows, values: npt.ArrayLike, empty: npt.ArrayLike = 0.0) -> npt.NDArray:
+        """(nx, ny) the values (m,) of pixels, and what the others have, of whose kind all are."""
+        image = np.full(self.shape, empty)
+        image.reshape(-1)[pixels] = values
+        return image
 
     def width(self, side: float) -> int:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
@@ -239,44 +289,6 @@ class Raster:
             elements[:, 3] = discs[:, 2]
         hand_on_nearest(elements, np.arange(len(discs)), near, who)
         return near, who
-
-
-@njit(cache=True, nogil=True)
-def _points_about(
-    points: npt.NDArray[np.float32],
-    slope: Slope,
-    around: Array,
-    columns: Mask,
-    corner: Array,
-    cell_size: float,
-    heights: tuple[float, float, float, float],
-) -> tuple[Array, Array]:
-    """`SlopeCloud.points_at` of points (n, 3) between corners (2, 2).
-
-    Args:
-        columns: (nx, ny) in which what is about the height counts, from a corner (2,) on.
-        heights: m above a plane of the slope: from the first to the second what is about it, from
-            the third to the fourth what rises; the upper ones are part of it.
-    """
-    low, high, rise, top = heights
-    on, over, n, m = np.empty((len(points), 3)), np.empty((len(points), 2)), 0, 0
-    for p in range(len(points)):
-        x, y = float(points[p, 0]), float(points[p, 1])
-        height = float(points[p, 2]) - slope[0] * x - slope[1] * y
-        if not low < height <= top:
-            continue
-        if not (around[0, 0] <= x < around[1, 0] and around[0, 1] <= y < around[1, 1]):
-            continue
-        if height > rise:
-            over[m, 0], over[m, 1] = x, y
-            m += 1
-        u, v = (x - corner[0]) / cell_size, (y - corner[1]) / cell_size
-        if height > high or not (0.0 <= u < columns.shape[0] and 0.0 <= v < columns.shape[1]):
-            continue
-        if columns[int(u), int(v)]:
-            on[n, 0], on[n, 1], on[n, 2] = x, y, height
-            n += 1
-    return on[:n].copy(), over[:m].copy()
 
 
 def make_layers(
@@ -306,46 +318,46 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     low, high = (np.array([of(on[:, 0]), of(on[:, 1])]) for of in (np.min, np.max))
     pixel = PIXEL_M[1] if noise > 0.0 else _pixel_side(spacing, high - low)
     raster = Raster(low, high, pixel, WIDEST_M + 2.0 * PIXEL_M[1])
-    measured, of_pixel = raster.sums(on)
-    things = raster.sums(over)[0]
+    measured, things = raster.held(on), raster.held(over)
     # what was measured about what rises is its foot
-    risen = rises = things[0] > 0.0
     foot = max(1, round((spacing + noise) / pixel))
-    if rises.any():
-        risen = maximum_filter(rises, 2 * foot + 1)
-    means = np.vstack([raster.means(measured), raster.means(things)])
-    to_point, who = raster.nearest(means)
-    of_thing = np.append(risen[measured[0] > 0.0], np.ones(rises.sum(), np.bool_))[who]
-    widest, chance = _chance_discs(raster, to_point, measured[0])
+    risen = _spread(raster.image(things.pixels, True, np.False_), foot)
+    to_point, who = raster.nearest(np.vstack([measured.means, things.means]))
+    of_foot = risen.take(measured.pixels)
+    of_thing = np.append(of_foot, np.ones(len(things.pixels), np.bool_))[who]
+    widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
+    chance = _chance_radius(raster, widest, measured)
     rays, whole = _seen_through(raster, to_point, *cloud.rays(height, band))
     hole = HOLE_M / pixel
-    radius = np.where(whole, chance, np.minimum(chance, hole))
+    radius = np.where(whole, chance, np.minimum(chance, np.float32(hole)))
     closed = widest <= chance
-    sparse = float((widest[closed & ~whole] > hole).sum() / max(int(closed.sum()), 1))
+    lost = closed & ~whole & (widest > hole)
+    sparse = float(lost.sum()) / max(int(closed.sum()), 1)
     # gaps that are wider than chance explains, as discs around their pixels
     gap = _with_corners(np.where(to_point > radius, to_point, np.float32(0.0)), hole)
     gaps = (widest > radius) | (gap > 0.0)
     i, j = (rays[:, :2] + 0.5).astype(np.int64).T
     gaps[i, j] = True
     # gaps behind things are no ends, and carry nothing, nor do the pixels beside them
-    ends = _pixel_discs(np.where(of_thing, np.float32(0.0), gap))
-    from_end = raster.nearest(np.vstack([ends, rays[~of_thing[i, j]]]))[0]
-    beside = maximum_filter(gaps & of_thing, 2 * math.ceil(CORNER * hole) + 1)
+    from_end = _from_discs(raster, np.where(of_thing, np.float32(0.0), gap), rays[~of_thing[i, j]])
+    beside = _spread(gaps & of_thing, math.ceil(CORNER * hole))
     inside = np.where(beside, np.minimum(from_end, np.float32(-1.0)), from_end)
-    averaged = TILE_M if noise > 0.0 else float(np.median(radius)) * pixel
+    sampled = radius.reshape(-1)[:: max(1, radius.size // SAMPLES)]
+    averaged = TILE_M if noise > 0.0 else float(np.median(sampled)) * pixel
     # of the points, those of the surface's top, and none of things' feet if there are others
-    least = maximum_filter(measured[4], 3) - 0.5 * tolerance - 2.0 * noise
-    upper = heights >= least.take(of_pixel)
-    beside_things = upper & ~risen.take(of_pixel)
+    top = raster.image(measured.pixels, measured.highest, np.float32(-np.inf))
+    least = _spread(top, 1).take(measured.pixels) - 0.5 * tolerance - 2.0 * noise
+    upper = heights >= least.take(measured.of_point)
+    beside_things = upper & ~of_foot.take(measured.of_point)
     rows = np.flatnonzero(beside_things if beside_things.any() else upper)
-    of_pixel, off = of_pixel.take(rows), heights.take(rows) - height
+    of_pixel, off = measured.of_point.take(rows), heights.take(rows) - height
     powers = (None, off, off**2) if noise > 0.0 else (None, off)
-    sums = [np.bincount(of_pixel, power, widest.size) for power in powers]
+    sums = [np.bincount(of_pixel, power, len(measured.pixels)) for power in powers]
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
-    widths = far, raster.width(averaged)
-    stacked = np.stack(sums).astype(np.float64).reshape(-1, *raster.shape)
-    surface = _surface_heights(stacked, noise, widths)
+    widths = raster.width(averaged), far
+    images = np.stack([raster.image(measured.pixels, each) for each in sums])
+    surface = _surface_heights(images, noise, widths, inside > -2.0)
     return Layer(
         height,
         raster.origin,
@@ -353,7 +365,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
         inside * np.float32(pixel),
         from_end * np.float32(pixel),
         surface + np.float32(height),
-        _highest_points(raster, measured, noise),
+        _highest_points(raster, measured, top, noise),
         risen,
         sparse,
     )
@@ -365,24 +377,14 @@ def _pixel_side(spacing: float, sides: Array) -> float:
     return float(np.clip(max(0.5 * spacing, np.sqrt(area / MOST_PIXELS)), *PIXEL_M))
 
 
-def _chance_discs(raster: Raster, to_point: Field, count: Array) -> tuple[Field, Field]:
-    """(nx, ny) pixels: the radius of the widest disc without points that covers each pixel, and of
-    the widest that chance may explain."""
-    pixel = raster.pixel
-    widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
-    radius = _chance_radius(widest * np.float32(pixel), count, pixel, NARROWEST_M, WIDEST_M)
-    return widest, radius / np.float32(pixel)
-
-
-def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most: float) -> Field:
-    """(nx, ny) m, the widest disc without points that is no gap, for each pixel of a raster.
+def _chance_radius(raster: Raster, widest: Field, measured: HeldPixels) -> Field:
+    """(nx, ny) pixels, the widest disc without points that chance may explain.
 
     Args:
-        widest: (nx, ny) m, the widest disc without points that covers each pixel.
-        count: (nx, ny) points in each pixel.
-        pixel: side of a pixel, metres.
-        least, most: bounds of what is returned, metres.
+        widest: (nx, ny) pixels, the widest that covers each pixel.
+        measured: the points.
     """
+    pixel, least, most = raster.pixel, NARROWEST_M, WIDEST_M
     side = max(1, round(TILE_M / pixel))
     (nx, ny), tiles = widest.shape, tuple(-(-n // side) for n in widest.shape)
     apart = 3  # radii that are tried from one look to the next
@@ -390,7 +392,7 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     # a pixel is as wide as what holds one point by itself
     radii = max(least / WIDEST, pixel) * GROWTH ** (np.arange(steps + apart) / apart)
     # closed area of each tile and those around it, up to each radius
-    step = np.log(np.maximum(widest / np.float32(radii[0]), np.float32(1.0)))
+    step = np.log(np.maximum(widest * np.float32(pixel / radii[0]), np.float32(1.0)))
     step = np.ceil(step * np.float32(apart / math.log(GROWTH)) - np.float32(SINGLE_ROUNDING))
     step = np.minimum(step.astype(np.int64), len(radii))
     tile = np.add.outer(np.arange(nx) // side * tiles[1], np.arange(ny) // side).ravel()
@@ -399,7 +401,8 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     discs = sizes.reshape(slots)[:-1].astype(np.float64)
     closed = window_sums(discs, 3).cumsum(axis=0) * pixel**2
     # and how many points there are
-    held = np.bincount(tile, weights=count.ravel(), minlength=math.prod(tiles))
+    tile_of = tile.take(measured.pixels)
+    held = np.bincount(tile_of, weights=measured.number, minlength=math.prod(tiles))
     number = window_sums(held.reshape(1, *tiles).astype(np.float64), 3)[0]
     now, later = closed[:-apart], closed[apart:]
     least_area = AREA_PER_POINT * np.multiply.outer(radii[: len(now)] ** 2, number)
@@ -407,7 +410,7 @@ def _chance_radius(widest: Field, count: Array, pixel: float, least: float, most
     first = np.where(stays.any(axis=0), stays.argmax(axis=0), len(now) - 1)
     found = np.where(number >= SURE_COUNT, radii[first] * WIDEST, least)
     found = np.clip(found, least, most)
-    found = np.repeat(np.repeat(found, side, axis=0), side, axis=1)
+    found = np.repeat(np.repeat(found / pixel, side, axis=0), side, axis=1)
     return found[:nx, :ny].astype(np.float32)
 
 
@@ -419,47 +422,61 @@ def _seen_through(
     if not len(passed):
         return np.zeros((0, 3)), np.zeros(raster.shape, np.bool_)
     # a ray opens half of the way to the nearest point, and the four pixels around it at least
-    rays = raster.means(raster.sums(passed)[0])
+    rays = raster.held(passed).means
     away = map_coordinates(to_point, rays.T, order=1, mode="nearest")
     discs = np.column_stack([rays, np.maximum(0.5 * away, np.minimum(away, 0.75))])
     # a sensor that saw nothing below tells nothing of holes
-    ends = raster.sums(ended if len(passed) >= SURE_COUNT else ended[:0])[0]
-    crosses = raster.sums(crossed)[0]
-    on, through = window_sums(np.stack([ends[0], crosses[0]]), raster.width(3.0 * TILE_M))
+    ends = raster.held(ended if len(passed) >= SURE_COUNT else ended[:0])
+    images = [raster.image(each.pixels, each.number) for each in (ends, raster.held(crossed))]
+    on, through = window_sums(np.stack(images), raster.width(3.0 * TILE_M))
     return discs, np.asarray(on > SURE_COUNT * (through + 1.0) - 0.5)
 
 
-def _pixel_discs(radius: Field) -> Array:
-    """(n, 3) pixels, and radii, of the pixels (nx, ny) whose radius is above 0."""
-    at = np.flatnonzero(radius > 0.0)
-    return np.column_stack([*np.divmod(at, radius.shape[1]), radius.take(at)])
+def _from_discs(raster: Raster, radius: Field, rays: Array) -> Field:
+    """(nx, ny) pixels to the nearest of some discs, negative within.
+
+    Args:
+        radius: (nx, ny) of the discs around pixels, 0 where there are none.
+        rays: (k, 3) middles and radii of others, pixels.
+    """
+    # where discs are wider than any that chance explains the rim alone counts, and within that the
+    # discs' own depth
+    wide = np.float32((WIDEST_M + CORNER * HOLE_M) / raster.pixel + 1.0)
+    at = np.flatnonzero((radius > 0.0) & _spread(radius < wide, 1))
+    discs = [*np.divmod(at, raster.shape[1]), np.minimum(radius.take(at), wide)]
+    near = raster.nearest(np.vstack([np.column_stack(discs), rays]))[0]
+    return np.where(radius > 0.0, np.minimum(near, -radius), near)
 
 
-def _surface_heights(sums: Array, noise: float, widths: tuple[int, int]) -> Field:
+def _surface_heights(images: Array, noise: float, widths: tuple[int, int], needed: Mask) -> Field:
     """(nx, ny) m, heights of the surface; inf far from all points.
 
     Args:
-        sums: (2 or, with noise, 3, nx, ny) how many points each pixel has, and the sums of their
+        images: (2 or, with noise, 3, nx, ny) how many points each pixel has, and the sums of their
             heights and squares.
-        widths: pixels along the squares over which heights are averaged, those that hold where
-            the second hold no point first.
+        widths: pixels along the squares over which heights are averaged, the second where the
+            first hold no point.
+        needed: (nx, ny) where heights are asked for.
     """
-    surface = np.full(sums.shape[1:], np.inf)
-    for width, needed in zip(widths, (2, 3), strict=True):  # what is near counts if there is any
-        count, total, *squares = window_sums(sums[:needed], width)
-        np.divide(total, count, out=surface, where=count > 0.5)
+    surface = np.full(images.shape[1:], np.inf)
+    count, total, *squares = window_sums(images, widths[0])
+    held = count > 0.5
+    np.divide(total, count, out=surface, where=held)
     if noise > 0.0:  # between two levels there is no surface
-        held, count = count > 0.5, np.maximum(count, 1.0)
-        surface[held & (squares[0] / count - (total / count) ** 2 > noise**2)] = np.inf
+        many = np.maximum(count, 1.0)
+        surface[held & (squares[0] / many - (total / many) ** 2 > noise**2)] = np.inf
+    if (needed & ~held).any():
+        count, total = window_sums(images[:2], widths[1])
+        np.divide(total, count, out=surface, where=~held & (count > 0.5))
     return surface.astype(np.float32)
 
 
-def _highest_points(raster: Raster, measured: Array, noise: float) -> Field:
-    """(nx, ny) m, the highest point under what touches there, of `pixel_sums` of all."""
-    top = measured[4]
+def _highest_points(raster: Raster, measured: HeldPixels, top: Array, noise: float) -> Field:
+    """(nx, ny) m, the highest point under what touches there, of the highest in each pixel."""
     if noise > 0.0:  # single points say nothing
-        many, total = window_sums(measured[[0, 3]], raster.width(TOP_WINDOW_M))
+        both = (measured.number, measured.total)
+        images = np.stack([raster.image(measured.pixels, each) for each in both])
+        many, total = window_sums(images, raster.width(TOP_WINDOW_M))
         top = np.where(many > FEWEST_ON_TOP - 0.5, total / np.maximum(many, 1.0), -np.inf)
     # what lies within a coarse pixel beside a point that touches is under the object
-    wide = 2 * int(np.ceil(PIXEL_M[1] / raster.pixel)) + 1
-    return np.asarray(maximum_filter(top, wide).astype(np.float32))
+    return _spread(top.astype(np.float32), math.ceil(PIXEL_M[1] / raster.pixel))

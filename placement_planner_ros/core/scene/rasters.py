@@ -22,7 +22,6 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.core.uncounted import Uncounted
 
 Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
@@ -51,25 +50,66 @@ MOST_PIXELS = 60_000
 """Pixels of a raster up to which they are as fine as is asked for."""
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _take_nearer(elements: Array, k: int, i: int, j: int, near: Field, who: Index) -> bool:
-    """Take element k, if there is one, for the nearest of pixel (i, j) where it is; whether so."""
-    if k >= 0 and k != who[i, j]:
-        dx, dy = elements[k, 0] - i, elements[k, 1] - j
-        reach = near[i, j] + elements[k, 3]
-        square = dx * dx + dy * dy + elements[k, 2]
-        if reach > 0.0 and square < reach * reach:
-            near[i, j], who[i, j] = math.sqrt(square) - elements[k, 3], k
-            return True
-    return False
+@njit(cache=True, nogil=True)
+def _hand_to_rows(fields: Field, near: Field, who: Index, rows: Mask, columns: Mask) -> None:
+    """Hand the nearest on from each row to the next, there and back: to all pixels that lie more
+    along the first axis than across it.
+
+    Args:
+        fields: (n + 1, 4) as `hand_on_nearest` has elements; the last stands for none.
+        near, who: (nx, ny) updated.
+        rows, columns: (nx,) and (ny,) in which something has changed, updated: a row is looked at
+            if it is one of these, or the row before is.
+    """
+    nx, ny = who.shape
+    # of the row before, with none at either end: which is nearest, and its fields
+    number, line = np.full(ny + 3, np.int32(-1)), np.full((4, ny + 2), np.inf, np.float32)
+    line[2:] = 0.0
+    away, chosen = np.empty((3, ny), np.float32), np.empty(ny, np.int32)
+    for sweep in range(2):
+        for row in range(1, nx):
+            i, m = (row, row - 1) if sweep == 0 else (nx - 1 - row, nx - row)
+            if not (rows[i] or rows[m]):
+                continue
+            for j in range(ny):
+                k = number[j + 1] = who[m, j]
+                for a in range(4):
+                    line[a, j + 1] = fields[k, a]
+            # how far away the three beside in the row before are: many at once, as what follows
+            for beside in range(3):
+                x, y = line[0, beside : beside + ny], line[1, beside : beside + ny]
+                up, weight = line[2, beside : beside + ny], line[3, beside : beside + ny]
+                to, at = away[beside], np.float32(i)
+                for j in range(ny):
+                    dx, dy = x[j] - at, y[j] - np.float32(j)
+                    to[j] = math.sqrt(dx * dx + dy * dy + up[j]) - weight[j]
+            # which of them, or else its own, is the nearest
+            left, ahead, right, own, mine = away[0], away[1], away[2], near[i], who[i]
+            for j in range(ny):
+                least, best = own[j], np.int32(3)
+                best = np.int32(1) if ahead[j] < least else best
+                least = ahead[j] if ahead[j] < least else least
+                best = np.int32(0) if left[j] < least else best
+                least = left[j] if left[j] < least else least
+                chosen[j] = np.int32(2) if right[j] < least else best
+            moved = False
+            for j in range(ny):
+                own[j] = min(min(ahead[j], own[j]), min(left[j], right[j]))
+                moved = moved or chosen[j] < 3
+            if moved:
+                rows[i] = True
+                for j in range(ny):
+                    columns[j] = columns[j] or chosen[j] < 3
+                    other = number[j + chosen[j]]
+                    mine[j] = other if chosen[j] < 3 else mine[j]
 
 
 @njit(cache=True, nogil=True)
 def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) -> None:
     """Find the nearest element to each pixel, from those that are known and others that enter.
 
-    Two sweeps over the raster hand the nearest on from pixel to pixel; seldom, and by less than a
-    tenth of a pixel, an element that is not quite the nearest is told.
+    From row to row, and then from column to column, there and back, it is handed on from pixel to
+    pixel; seldom, and by less than a tenth of a pixel, one that is not quite the nearest is told.
 
     Args:
         elements: (n, 4) x and y, each within half a pixel of a pixel of the raster; the square of
@@ -78,48 +118,40 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
         near, who: (nx, ny) distance to the nearest and its number, or -1: updated.
     """
     nx, ny = near.shape
-    changed = np.zeros(nx, np.bool_)  # rows in which something did
-    # distances to those that are known, where they are higher now
-    for i in range(nx):
+    rows, columns = np.zeros(nx, np.bool_), np.zeros(ny, np.bool_)  # in which something changed
+    fields, hangs = np.full((len(elements) + 1, 4), np.inf, np.float32), False
+    fields[-1, 2:] = 0.0
+    for k in range(len(elements)):
+        for a in range(4):
+            fields[k, a] = elements[k, a]
+        hangs = hangs or elements[k, 2] > 0.0
+    # those that are known may be further away now
+    for i in range(nx if hangs else 0):
         for j in range(ny):
             k = who[i, j]
-            if k >= 0 and elements[k, 2] > 0.0:
-                dx, dy = elements[k, 0] - i, elements[k, 1] - j
-                near[i, j] = math.sqrt(dx * dx + dy * dy + elements[k, 2]) - elements[k, 3]
-                changed[i] = True
+            if k >= 0 and fields[k, 2] > 0.0:
+                dx, dy = fields[k, 0] - np.float32(i), fields[k, 1] - np.float32(j)
+                near[i, j] = math.sqrt(dx * dx + dy * dy + fields[k, 2]) - fields[k, 3]
+                rows[i] = columns[j] = True
     # each pixel begins with the nearest of those in it
     for k in entering:
         i = min(max(int(elements[k, 0] + 0.5), 0), nx - 1)
         j = min(max(int(elements[k, 1] + 0.5), 0), ny - 1)
-        changed[i] |= _take_nearer(elements, k, i, j, near, who)
-    # those of other pixels are half a pixel away at least, but for their weights
-    sure = 0.5
-    for k in range(len(elements)):
-        sure = min(sure, 0.5 - elements[k, 3])
-    # over all rows there, and back
-    for sweep in range(2):
-        step = 1 - 2 * sweep
-        for row in range(nx):
-            i = row if step > 0 else nx - 1 - row
-            m = i - step
-            moved = changed[i]
-            if 0 <= m < nx and (changed[m] or moved):
-                for j in range(ny):  # from the three pixels of the row before
-                    if near[i, j] > sure:
-                        last = -1  # of those tried
-                        for n in range(max(j - 1, 0), min(j + 2, ny)):
-                            k = who[m, n]
-                            if k != last:
-                                moved |= _take_nearer(elements, k, i, j, near, who)
-                                last = k
-            if moved:
-                for j in range(1, ny):  # along the row, there and back
-                    if near[i, j] > sure:
-                        moved |= _take_nearer(elements, who[i, j - 1], i, j, near, who)
-                for j in range(ny - 2, -1, -1):
-                    if near[i, j] > sure:
-                        moved |= _take_nearer(elements, who[i, j + 1], i, j, near, who)
-            changed[i] = moved
+        dx, dy = fields[k, 0] - np.float32(i), fields[k, 1] - np.float32(j)
+        away = math.sqrt(dx * dx + dy * dy + fields[k, 2]) - fields[k, 3]
+        if away < near[i, j]:
+            near[i, j], who[i, j] = away, k
+            rows[i] = columns[j] = True
+    if not rows.any():
+        return
+    _hand_to_rows(fields, near, who, rows, columns)
+    # the same with the axes exchanged
+    near_across, who_across = np.empty((ny, nx), np.float32), np.empty((ny, nx), np.int32)
+    near_across[:], who_across[:] = near.T, who.T
+    exchanged = fields.copy()
+    exchanged[:, 0], exchanged[:, 1] = fields[:, 1], fields[:, 0]
+    _hand_to_rows(exchanged, near_across, who_across, columns, rows)
+    near[:], who[:] = near_across.T, who_across.T
 
 
 @njit(cache=True, nogil=True)
@@ -131,26 +163,21 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
         greatest: radius that no disc is told beyond.
     """
     nx, ny = distance.shape
-    most = np.float32(greatest)
+    most, aslant = np.float32(greatest), math.sqrt(2.0)
     widest = np.minimum(distance, most)
     for i in range(nx):
         for j in range(ny):
             radius = distance[i, j]
+            if radius < 1.0:
+                continue  # it covers no other
             # what lies in a neighbour's disc is covered by that one; far out only the rim counts
-            needed = radius > 0.5
-            rim = radius < most
-            if not needed:
-                continue
+            covered, rim = False, radius < most
             for m in range(max(i - 1, 0), min(i + 2, nx)):
                 for n in range(max(j - 1, 0), min(j + 2, ny)):
-                    apart = math.sqrt(float((m - i) * (m - i) + (n - j) * (n - j)))
+                    apart = (np.inf, 1.0, aslant)[abs(m - i) + abs(n - j)]
+                    covered = covered or radius + apart - NEAR_CONTAINED <= distance[m, n]
                     rim = rim or distance[m, n] < most
-                    needed = needed and (
-                        apart == 0.0
-                        or distance[m, n] < radius + apart - NEAR_CONTAINED
-                        or radius >= most
-                    )
-            if not (needed and rim):
+            if not rim or (covered and radius < most):
                 continue
             # all pixels that this disc covers
             radius = min(radius, most)
@@ -164,32 +191,40 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
 @njit(cache=True, nogil=True)
 def pixel_sums(
     points: Array, origin: Array, pixel: float, shape: tuple[int, int]
-) -> tuple[Array, Rows]:
-    """Of those points (n, 2 or more), m, that lie on a raster: how many each pixel has, the sums of
-    their columns, and the greatest of the last of these, -inf where there is none.
+) -> tuple[Rows, Array, Rows]:
+    """Those points (n, 2 or more), m, that lie on a raster by the pixels that they are in.
 
     Args:
         origin, pixel: (2,) of the first pixel's centre and m between two.
 
     Returns:
-        (k + 2, nx, ny), and (n,) the number of the pixel that each point is in, or -1.
+        (m,) pixels, numbered row by row; (m, k + 2) how many points each has, the sums of their
+        columns, and the greatest of the last of these; (n,) which of the pixels each point is in,
+        or -1.
     """
     n, k = points.shape
-    sums, of_point = np.zeros((k + 2, shape[0], shape[1])), np.full(n, -1)
-    sums[k + 1] = -np.inf
+    number = np.full(shape[0] * shape[1], np.int32(-1))
+    pixels, sums, of_point = np.empty(n, np.int64), np.empty((n, k + 2)), np.full(n, -1)
+    m = 0
     for p in range(n):
         # the pixel whose centre is nearest
         u = (points[p, 0] - origin[0]) / pixel + 0.5
         v = (points[p, 1] - origin[1]) / pixel + 0.5
         if not (0.0 <= u < shape[0] and 0.0 <= v < shape[1]):
             continue
-        i, j = int(u), int(v)
-        of_point[p] = i * shape[1] + j
-        sums[0, i, j] += 1.0
+        at = int(u) * shape[1] + int(v)
+        if number[at] < 0:
+            number[at] = m
+            pixels[m] = at
+            sums[m] = 0.0
+            sums[m, k + 1] = -np.inf
+            m += 1
+        row = of_point[p] = number[at]
+        sums[row, 0] += 1.0
         for a in range(k):
-            sums[a + 1, i, j] += points[p, a]
-        sums[k + 1, i, j] = max(sums[k + 1, i, j], points[p, k - 1])
-    return sums, of_point
+            sums[row, a + 1] += points[p, a]
+        sums[row, k + 1] = max(sums[row, k + 1], points[p, k - 1])
+    return pixels[:m].copy(), sums[:m].copy(), of_point
 
 
 @njit(cache=True, nogil=True)

@@ -178,11 +178,17 @@ def _regions_of_layer(
     volume: TargetVolume,
     settings: RegionSettings,
 ) -> list[Region]:
+    # of what lies around V
+    footprint = volume.boxes[:, :, :2]
+    around = _pixels_over(layer, footprint[:, 0].min(axis=0), footprint[:, 1].max(axis=0))
+    layer = _cropped(layer, around)
     # surface at that height, away from its ends and from what rises
     level = np.abs(layer.surface - height) <= settings.height_tolerance
     mask = (layer.inside >= 0.0) & (layer.from_end >= trim) & level & ~layer.risen
-    footprint = volume.boxes[:, :, :2]
-    mask &= _pixels_over(layer, footprint)
+    over = np.zeros(mask.shape, np.bool_)
+    for lower, upper in footprint:
+        over[_pixels_over(layer, lower, upper)] = True
+    mask &= over
     # what slopes may lie in V in part
     flat = None if slope == LEVEL else disjoint_rectangles(footprint)
     regions = []
@@ -196,6 +202,22 @@ def _regions_of_layer(
 
 
 Tile = tuple[slice, slice]
+
+
+def _pixels_over(layer: Layer, lower: Array, upper: Array) -> Tile:
+    """The pixels that touch a rectangle of corners (2,), m."""
+    first, last = (
+        np.floor((end - layer.origin) / layer.pixel + 0.5).astype(int) for end in (lower, upper)
+    )
+    i, j = (slice(max(a, 0), max(b + 1, 0)) for a, b in zip(first, last, strict=True))
+    return i, j
+
+
+def _cropped(layer: Layer, tile: Tile) -> Layer:
+    """That part of it."""
+    origin = layer.origin + np.array([along.start for along in tile]) * layer.pixel
+    fields = ("inside", "from_end", "surface", "top", "risen")
+    return layer._replace(origin=origin, **{name: getattr(layer, name)[tile] for name in fields})
 
 
 def mask_tiles(
@@ -230,16 +252,6 @@ def mask_tiles(
                     yield tile, own, rectangles.reshape(-1, 4)
 
 
-def _pixels_over(layer: Layer, rectangles: Array) -> Mask:
-    """(nx, ny) pixels that touch any of the rectangles (k, 2, 2)."""
-    over = np.zeros(layer.inside.shape, np.bool_)
-    for lower, upper in rectangles:
-        first = np.floor((lower - layer.origin) / layer.pixel + 0.5).astype(int).clip(min=0)
-        last = np.floor((upper - layer.origin) / layer.pixel + 0.5).astype(int).clip(min=-1) + 1
-        over[first[0] : last[0], first[1] : last[1]] = True
-    return over
-
-
 def _tiles_of(bounds: Tile, side: float) -> Iterator[Tile]:
     """Tiles of no more than that many pixels along each side that bounds are cut into evenly."""
     ends = []
@@ -257,7 +269,7 @@ def _mask_rectangles(mask: Mask) -> npt.NDArray[np.int64]:
     rows = np.flatnonzero(np.append(True, (mask[1:] != mask[:-1]).any(axis=1)))
     last = np.append(rows[1:], len(mask))
     # where runs of pixels begin and end in each of these rows, in the same order
-    steps = np.diff(np.pad(mask[rows], ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    steps = np.diff(mask[rows].astype(np.int8), axis=1, prepend=0, append=0)
     (row, low), high = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
     return np.column_stack([rows[row], low, last[row], high])
 
