@@ -231,6 +231,7 @@ def test_whatever_is_raised_ends_its_run_only(bench, capfd, error, code, words, 
     assert ended(b, 1, "failed")["code"] == code
     said = b.messages("status")[-1].message
     assert words in said
+    assert words in b.status()["why"]
     assert "objective" in said or code == "INTERNAL"
     assert b.call("stop").code == "NOT_RUNNING"
     started(b).offers.append(0.1)

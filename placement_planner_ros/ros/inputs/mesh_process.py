@@ -68,9 +68,10 @@ class MeshProcess:
 
         Raises:
             ValueError: it cannot be read; the message says why.
-            TimeoutError: that took longer than `PREPARING_S`.
+            TimeoutError: that took longer than `PREPARING_S` of processor time, or four times as
+                long on a machine that is busy.
         """
-        made: tuple[Array, Triangles] = self._ask(("read", path), PREPARING_S, PREPARING_S)
+        made: tuple[Array, Triangles] = self._ask(("read", path), PREPARING_S)
         return made
 
     def cover(self, vertices: Array, triangles: Triangles) -> Cover:
@@ -81,16 +82,17 @@ class MeshProcess:
             ProcessorTimeError: making it took longer than `COVER_TIME_S`.
             TimeoutError: it took four times as long, on a machine that is busy.
         """
-        request = "cover", vertices, triangles
-        made: Cover = self._ask(request, COVER_TIME_S, 4.0 * COVER_TIME_S)
+        made: Cover = self._ask(("cover", vertices, triangles), COVER_TIME_S)
         return made
 
-    def _ask(self, request: tuple[object, ...], seconds: float, patience: float) -> Any:
-        """The answer to a request, within `patience` seconds, `seconds` of processor time."""
+    def _ask(self, request: tuple[object, ...], seconds: float) -> Any:
+        """The answer to a request, within so many seconds of processor time, and four times as many
+        by the clock: a machine that is busy makes no mesh a bad one."""
         # one process for all requests, begun with the first
         if self._child is None:
             self._child = _spawn()
-        child, end = self._child, time.monotonic() + patience
+        child, patience = self._child, 4.0 * seconds
+        end = time.monotonic() + patience
         assert child.stdin is not None
         assert child.stdout is not None
         try:

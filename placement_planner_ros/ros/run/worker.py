@@ -210,8 +210,10 @@ class Run:
     @property
     def why(self) -> str:
         """Why nothing was found, or has been yet, line by line; '' where nothing is to be said."""
-        if self.planner is None or self.best is not None:
+        if self.best is not None:
             return ""
+        if self.planner is None or self.state is State.FAILED:
+            return self.reason
         return self._named(str(self.planner.explanation))
 
     @property

@@ -87,7 +87,7 @@ def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
             process.read(box)
         asked[0] = False
         hang()
-        monkeypatch.setattr(mesh_process, "PREPARING_S", 0.5)
+        monkeypatch.setattr(mesh_process, "PREPARING_S", 0.125)
         with pytest.raises(TimeoutError, match=r"0\.5 s"):
             process.read(box)
         monkeypatch.setattr(mesh_process, "PREPARING_S", 60.0)
