@@ -300,10 +300,10 @@ def test_a_start_beyond_the_limits_is_refused_and_one_bad_arm_is_a_note(bench):
 
     b.wait(refused)
     assert not answers[-1].success
-    assert "yumi_joint_6_l = 4.0500" in answers[-1].words
-    assert "yumi_joint_6_r = 4.0500" in answers[-1].words
+    assert "yumi_joint_6_l = 4.05 is" in answers[-1].words
+    assert "yumi_joint_6_r = 4.05 is" in answers[-1].words
     b.wait(lambda: answers.append(at(**left)) or answers[-1].code == "OK")
-    assert "does without left: beyond the joint limits: yumi_joint_6_l" in answers[-1].words
+    assert "does without left: beyond the joint limits: joint yumi_joint_6_l" in answers[-1].words
 
 
 # --- ~/occupancy
