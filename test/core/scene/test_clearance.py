@@ -7,8 +7,11 @@ from helpers.points import BOUNDS, floor_can_shelf_wall, plane
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.scene.clearance import CAP, LIFT_M, MOST_PIXELS, ClearanceField
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.scenes import scene_by_name
 
 VOLUME = TargetVolume(np.array([-0.3, -0.3, -0.05]), np.array([0.3, 0.25, 0.35]))
 CELL = 0.01
@@ -94,15 +97,19 @@ def test_values_are_those_of_the_definition(obstacles, field):
     assert np.abs(error).max() < 1.5 * CELL
 
 
-def test_what_is_looked_up_changes_no_faster_than_a_distance_but_for_the_raster(field):
-    """Along x and y, at one height: by the way between two places, and some of a pixel's width."""
+def test_what_is_looked_up_changes_no_faster_than_a_distance_but_for_the_raster():
+    """Along x and y, at one height: by the way between two places and what `docs/limits.md` says,
+    as between four pixels it changes along both axes."""
+    scene = scene_by_name("table")
+    low, high = scene.volume.lower, scene.volume.upper
+    field = Environment.from_points(complete_cloud(scene), scene.volume).clearance
     rng = np.random.default_rng(8)
-    here = rng.uniform((-0.3, -0.3, 0.012), (0.3, 0.25, 0.3), (3000, 3))
-    there = here + rng.uniform(-0.05, 0.05, (3000, 3)) * (1.0, 1.0, 0.0)
+    here = rng.uniform(low, high, (100_000, 3))
+    there = here + rng.uniform(-0.02, 0.02, here.shape) * (1.0, 1.0, 0.0)
     change = np.abs(field.distance(here) - field.distance(there))
-    way = np.linalg.norm(here - there, axis=1)
-    assert (change - way).max() < 0.3 * CELL
-    assert np.quantile(change - way, 0.99) < 0.1 * CELL
+    more = change - np.linalg.norm(here - there, axis=1)
+    assert more.max() < 0.7 * CELL
+    assert np.quantile(more, 0.999) < 0.1 * CELL
 
 
 def sampled_box(low, high, angle, spacing):
