@@ -21,10 +21,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from placement_planner_ros.core.collision.attached_object import object_overlaps
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.robot.allowed_pairs import srdf_line
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.pictures.robot_picture import draw_robot
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -266,20 +267,25 @@ def is_far_from_hand(snapshot: Snapshot, arm: Arm, grasp: int) -> bool:
 def check_search(snapshot: Snapshot, findings: Findings) -> None:
     """Say whether a search finds a placement on a plane through V, low, in the middle or high."""
     findings.title("a search on a plane through target_volume")
+    # kernels are loaded, the first time compiled, before the search's time counts
+    with contextlib.suppress(PlacementPlannerError):  # which the search tells
+        warm_up(snapshot.robot, snapshot.arms, snapshot.q_start)
     why = ""
     for share in (0.1, 0.5, 0.9):
         began = time.process_time()
         found = findings.attempt(partial(_search, snapshot, share))
         if found is None:
             return
-        why, notes = found
+        in_vain, notes = found
+        # of the low plane, as surfaces lie low in most volumes
+        why = why or in_vain
         # a placement at one height is enough
-        if not why:
+        if not in_vain:
             for note in notes:
                 findings.say(note)
             findings.say(f"a placement after {time.process_time() - began:.1f} s of processor time")
             return
-    findings.wrong(f"on a plane through target_volume: {why}")
+    findings.wrong(f"on no plane through target_volume; on one low in it: {why}")
 
 
 def _search(snapshot: Snapshot, share: float) -> tuple[str, list[str]]:
