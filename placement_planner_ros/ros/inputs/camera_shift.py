@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.point_cloud import some_of
 from placement_planner_ros.ros.inputs.self_filter import OWN_M, Outline
@@ -25,6 +26,7 @@ def camera_shift(robot: Outline, points: Array) -> Array:
     Zeros where that is no more than joint values are true to, where too little of the robot is
     seen, or where no ordinary calibration explains it.
     """
+    step("laying the clouds on the robot that they show")
     # of the points by the robot some, with the normals of its surfaces there
     near = some_of(points[robot.near(points)])
     look = robot.look(near)

@@ -178,18 +178,13 @@ class Surroundings:
 def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints]:
     """Which of the points (n, 3) of clouds are not near the robot, one cloud after the other; of
     the others, what may be something else. Each cloud is laid on the robot that it shows."""
-    step("telling the robot from what is beside it")
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
     clear = parameters.planner_settings.collision.clear
     # each cloud is moved to where the robot that it shows is
-    moved = [np.zeros((0, 3))]
-    for each in clouds:
-        step("laying the clouds on the robot that they show")
-        moved.append(each - camera_shift(robot, each))
-    points = np.vstack(moved)
+    points = np.vstack([np.zeros((0, 3)), *(each - camera_shift(robot, each) for each in clouds)])
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
 
@@ -213,16 +208,15 @@ _Filtered = tuple[PointSet, Array, Mask]
 
 def _disagreements(snapshot: Snapshot, each: list[_Filtered]) -> tuple[Disagreement, ...]:
     """Which of the topics' clouds contradict each other, by points that are kept."""
-    # what is known or accumulated has no topic, and contradicts nobody
+    # what is known or accumulated has no topic, and contradicts nobody; nor does what is far away
     of_topics = [(part, real[kept]) for part, real, kept in each if part.topic]
     if len(of_topics) < 2:
         return ()
     lower, upper = _workspace(snapshot)
     box = np.array([[0.5 * (lower + upper), 0.5 * (upper - lower)]])
-    of_topics = [(part, points[rows_in_boxes(points, box)]) for part, points in of_topics]
     return tuple(
         disagreements(
-            [points for _, points in of_topics],
+            [points[rows_in_boxes(points, box)] for _, points in of_topics],
             [part.topic for part, _ in of_topics],
             [part.time for part, _ in of_topics],
             snapshot.parameters["contact_tolerance"],
