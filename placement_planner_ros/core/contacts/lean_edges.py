@@ -79,35 +79,27 @@ def lean_edges(points: Array) -> LeanEdges:
     """Those of the hull of points (n, 3), the longest first."""
     hull = ConvexHull(points)
     normals, corners = hull.equations[:, :3], hull.points
-    found = []
-    for facet, beside in enumerate(hull.neighbors):
-        for other in beside[beside > facet]:
-            shared = np.intersect1d(hull.simplices[facet], hull.simplices[other])
-            length = float(np.linalg.norm(corners[shared[1]] - corners[shared[0]]))
-            greatest = math.acos(float(np.clip(normals[facet] @ normals[other], -1.0, 1.0)))
-            if length >= SHORTEST_M and greatest >= SHARPEST_RAD:
-                found.append((length, greatest, shared, (facet, other)))
-    found.sort(key=lambda each: -each[0])
-    # Each edge with the wall on either side.
-    references, axes, greatest_of = [], [], []
-    for _, greatest, shared, sides in found[:MOST_EDGES]:
-        for order in (sides, sides[::-1]):
-            references.append(corners[shared].mean(axis=0))
-            axes.append(_edge_axes(corners[shared], normals[list(order)]))
-            greatest_of.append(greatest)
+    # Each two facets side by side, and the two corners that they share.
+    facets = np.column_stack([np.repeat(np.arange(len(normals)), 3), hull.neighbors.ravel()])
+    facets = facets[facets[:, 0] < facets[:, 1]]
+    own, others = (hull.simplices[facets[:, k]] for k in (0, 1))
+    shared = own[(own[:, :, None] == others[:, None]).any(axis=2)].reshape(-1, 2)
+    along = corners[shared[:, 1]] - corners[shared[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    cosine = (normals[facets[:, 0]] * normals[facets[:, 1]]).sum(axis=1)
+    greatest = np.arccos(np.clip(cosine, -1.0, 1.0))
+    sharp = np.flatnonzero((length >= SHORTEST_M) & (greatest >= SHARPEST_RAD))
+    # Each edge with the wall on either side: it lies on the first of two facets, and the second
+    # faces the wall, so its normal points there.
+    edges = np.repeat(sharp[np.argsort(-length[sharp], kind="stable")][:MOST_EDGES], 2)
+    first = np.arange(len(edges)) % 2
+    up = -normals[facets[edges, first]]
+    along = along[edges] / length[edges, None]
+    towards = (np.cross(along, up) * normals[facets[edges, 1 - first]]).sum(axis=1) > 0.0
+    along[towards] *= -1.0
     return LeanEdges(
         corners[hull.vertices],
-        np.array(references).reshape(-1, 3),
-        np.array(axes).reshape(-1, 3, 3),
-        np.array(greatest_of),
+        corners[shared[edges]].mean(axis=1),
+        np.stack([np.cross(along, up), along, up], axis=1),
+        greatest[edges],
     )
-
-
-def _edge_axes(ends: Array, normals: Array) -> Array:
-    """`LeanEdges.axes` with the object lying on the first of the facets of these normals (2, 3)."""
-    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    up = -normals[0]
-    # The other facet faces the wall: its normal points there.
-    if np.cross(along, up) @ normals[1] > 0.0:
-        along = -along
-    return np.stack([np.cross(along, up), along, up])

@@ -64,6 +64,8 @@ class Reach:
             of contacts the wall is.
         touches, touches_below: m above the surface between which the object touches the wall.
         half: m to either side of the edge's middle that it touches along the foot.
+        center: m from the wall that the centre of mass is where the edge is nearest, and farthest,
+            and from the edge's middle along the foot.
     """
 
     nearest: float
@@ -71,6 +73,7 @@ class Reach:
     touches: float
     touches_below: float
     half: float
+    center: tuple[float, float, float]
 
 
 class Reaches:
@@ -139,10 +142,16 @@ class Reaches:
         for row in rows[[len(rows) // 2, 0, -1]] if len(rows) else rows:
             floor = corners[row][corners[row][:, 2] <= corners[row][:, 2].min() + TOUCHING_M]
             if is_held(floor, corners[row][against[row]], tilt, centers[row], footing):
-                ends = distances[rows[0]], distances[rows[-1]]
-                half = np.abs(corners[row][against[row], 1]).max()
-                heights = lowest[rows].min(), lowest[rows].max()
-                return Reach(*map(float, (*ends, *heights, half)))
+                ends = rows[[0, -1]]
+                away = distances[ends] + centers[ends, 0]
+                return Reach(
+                    nearest=float(distances[rows[0]]),
+                    farthest=float(distances[rows[-1]]),
+                    touches=float(lowest[rows].min()),
+                    touches_below=float(lowest[rows].max()),
+                    half=float(np.abs(corners[row][against[row], 1]).max()),
+                    center=(float(away[0]), float(away[1]), float(centers[row, 1])),
+                )
         return None
 
 
@@ -207,6 +216,7 @@ class Strips:
             too_low: `lack` is told of those, too, that touch the wall above its top.
         """
         low, high = wall.extent[:, 0]
+        spread = 0.5 * STRIP_M * np.abs(wall.outward).sum()  # of a square, towards the wall
         found = []
         for height in self._heights:
             rise = wall.top - height
@@ -215,16 +225,17 @@ class Strips:
                 continue
             farthest = max(reach.farthest for reach in wanted)
             squares, middles = self._squares(height)
-            away, along = wall.foot_distance(middles), middles @ wall.rotation[0]
-            rows = (away > 0.0) & (away <= farthest + STRIP_M) & (along >= low) & (along <= high)
-            squares, middles, away, along = squares[rows], middles[rows], away[rows], along[rows]
+            away = wall.foot_distance(middles)
+            rows = np.flatnonzero((away > 0.0) & (away <= farthest + STRIP_M))
+            squares, middles, away = squares[rows], middles[rows], away[rows]
+            along = middles @ wall.rotation[0]
             for reach in wanted:
-                # As near as it stays, at least as wide as a square; and the wall is as wide.
-                wider = max(0.5 * (STRIP_M - reach.farthest + reach.nearest), 0.0)
-                near = (away >= reach.nearest - wider) & (away <= reach.farthest + wider)
-                rows = np.flatnonzero(
-                    near & (along >= low + reach.half) & (along <= high - reach.half)
-                )
+                # Squares as near as it stays, with all of them where there is room for that.
+                inset = min(spread, 0.5 * (reach.farthest - reach.nearest - STRIP_M))
+                near = (away >= reach.nearest + inset) & (away <= reach.farthest - inset)
+                near &= (along >= low) & (along <= high)
+                wide = near & (along >= low + reach.half) & (along <= high - reach.half)
+                rows = np.flatnonzero(wide)
                 if not near.any():
                     lack = Lack.SURFACE
                 elif reach.touches > rise:
@@ -233,12 +244,23 @@ class Strips:
                 elif not len(rows):
                     lack = Lack.WIDTH
                 else:
-                    lack = Lack.MEASURED
+                    rows = rows[self._has_center(wall, reach, middles[rows], away[rows])]
+                    lack = Lack.MEASURED if len(rows) else Lack.SURFACE
                     rows = rows[self._has_ends(wall, reach, middles[rows])]
                     if len(rows):
                         found.append((Region(squares[rows], height), reach))
                 self.lack = max(self.lack, lack)
         return found
+
+    def _has_center(
+        self, wall: Wall, reach: Reach, middles: Array, away: Array
+    ) -> npt.NDArray[np.bool_]:
+        """(n,) whether the centre of mass is in V with the middle of the edge at (n, 3)."""
+        *ends, along = reach.center
+        moved = np.interp(away, (reach.nearest, reach.farthest), ends) - away
+        centers = middles + along * wall.rotation[0]
+        centers[:, :2] += moved[:, None] * wall.outward
+        return self._environment.volume.contains(centers)
 
     def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether surface and wall are there, up to half a square, at both ends of what
@@ -248,6 +270,9 @@ class Strips:
         ends = middles + np.array([-half, half])[:, None, None] * wall.rotation[0]
         found = self._environment.support.supported(ends.reshape(-1, 3), tolerance)
         rows = np.flatnonzero(found.reshape(2, -1).all(axis=0))
+        result = np.zeros(len(middles), np.bool_)
+        if not len(rows):
+            return result
         # The wall at the least, or at the greatest height at which it is touched.
         heights = np.array([reach.touches, reach.touches_below])[:, None, None]
         against = np.empty((2, 2, len(rows), 3))
@@ -255,7 +280,6 @@ class Strips:
         above = ends[:, rows, 2] + heights - wall.offset * wall.normal[2]
         against[..., 1], against[..., 2] = above / wall.rotation[1, 2], wall.offset
         touched = wall.support.supported(against.reshape(-1, 3), tolerance, margin)
-        result = np.zeros(len(middles), np.bool_)
         result[rows] = touched.reshape(2, 2, -1).any(axis=0).all(axis=0)
         return result
 

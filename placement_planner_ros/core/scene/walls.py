@@ -103,6 +103,17 @@ class Wall:
         cloud = SlopeCloud(points, around, LEVEL, tops, size, measured.noise, turned)
         return SupportMap(cloud)
 
+    def is_seen(self) -> bool:
+        """Whether a sensor before it measured it."""
+        off, (low, high) = 2.0 * OFF_PLANE_M + self._measured.noise, self.extent
+        for view in self._views:
+            if view.origin @ self.normal > self.offset:
+                on = view.points[np.abs(view.points @ self.normal - self.offset) <= off]
+                at = on @ self.rotation[:2].T
+                if ((at >= low) & (at <= high)).all(axis=1).sum() >= FEWEST_POINTS:
+                    return True
+        return False
+
     def is_behind(self, boxes: ObstacleSet, tolerance: float) -> npt.NDArray[np.bool_]:
         """(m,) which boxes reach no further out of its plane than that, by their points where there
         are some: boxes stand out of what is askew."""
@@ -122,7 +133,8 @@ class Wall:
 def find_walls(
     measured: ObstacleSet, volume: TargetVolume, views: Sequence[View]
 ) -> tuple[Wall, ...]:
-    """Both sides of every plane in and around V that stands, those of most surface first."""
+    """The sides of every plane in and around V that stands which sensors saw, or both where none
+    did: those of most surface first."""
     lower, upper = volume.lower - AROUND_M, volume.upper + AROUND_M
     points = measured.points[((measured.points >= lower) & (measured.points <= upper)).all(axis=1)]
     patches = _WallPatches.of(points.astype(np.float64))
@@ -145,9 +157,13 @@ def find_walls(
         own |= left & patches.in_planes(rows, normal[None], np.array([offset]), noise)[0]
         left &= ~own
         if abs(normal[2]) <= math.sin(STEEPEST_LEAN_RAD):
+            both = []
             for side in (1.0, -1.0):
                 rotation, extent = _foot_axes(side * normal, patches.middles[rows[own]])
-                walls.append(Wall(rotation, side * offset, extent, measured, tuple(views)))
+                both.append(Wall(rotation, side * offset, extent, measured, tuple(views)))
+            # Behind a side that was seen there may be more of the wall than a sheet.
+            seen = [wall for wall in both if wall.is_seen()]
+            walls += seen or both
     return tuple(walls)
 
 

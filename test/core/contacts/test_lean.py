@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
-from helpers.leaning import disturbed, leaning_poses, situations
+from helpers.leaning import EYE, GREY, disturbed, leaning_poses, situations
 from helpers.problems import problem_of
 from helpers.tasks import yumi_task
 
@@ -15,6 +15,7 @@ from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import Contact
 from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 SITUATIONS = situations(0)
@@ -58,6 +59,17 @@ def test_things_lean_where_they_can_and_nowhere_else(situation, cloud):
         for off in (-0.003, 0.003):
             at = contact.moved(pin.SE3(T), Contact(feature, 0.0), np.array([*(off * out), 0.0]))
             assert not check_leaning(task, at.homogeneous, Tolerances())
+
+
+@pytest.mark.parametrize(("cloud", "behind"), [("camera", False), ("complete", True)])
+def test_nothing_leans_behind_a_wall_that_was_seen_from_before_it(cloud, behind):
+    """There may be more of it; where nobody says from where it was seen, both sides are walls."""
+    panel = box("panel", (0.7, -0.6, 0.08), (0.8, 0.6, 0.6), GREY)
+    hanging = replace(SITUATIONS[0], parts=(SITUATIONS[0].parts[0], panel))
+    contact = hanging.contact(hanging.environment(cloud, np.random.default_rng(1)))
+    used = [contact._wall(feature) for feature in range(len(contact.frames))]
+    assert used
+    assert any(wall.normal @ EYE < wall.offset for wall in used) == behind
 
 
 @pytest.mark.parametrize(
