@@ -22,7 +22,7 @@ from placement_planner_ros.core.types import Array
 
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.03
+_PARTS_PER_SAMPLE = 0.07
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 
 
