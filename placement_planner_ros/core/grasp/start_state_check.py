@@ -315,19 +315,36 @@ class StartState:
     def _first_met(self, lower: Array, upper: Array, things: list[_Thing], margin: float) -> str:
         """The first of the things that comes as near to one of the boxes (m, 3), in words; ''
         where none does."""
-        for name, number, T in things:
-            # Boxes that the box along the axes around the thing comes near.
+        if not things:
+            return ""
+        # The box along the axes around each thing, and the boxes that come near any of these.
+        around = np.array([self._bounds(number, T, margin) for _, number, T in things])
+        rows = _boxes_near(lower, upper, around[:, 0].min(axis=0), around[:, 1].max(axis=0))
+        lower, upper = lower[rows], upper[rows]
+        for (name, number, T), (low, high) in zip(things, around, strict=True):
             shape = self._overlaps.shapes[number]
-            local = shape.aabb_local
-            center = T.act((local.min_ + local.max_) / 2)
-            half = np.abs(T.rotation) @ ((local.max_ - local.min_) / 2) + margin
-            near = ((lower <= center + half) & (upper >= center - half)).all(axis=1)
-            for low, high in zip(lower[near], upper[near], strict=True):
-                at = pin.SE3(np.eye(3), (low + high) / 2)
-                if meet(shape, T, coal.Box(high - low), at, margin):
-                    x, y, z = (low + high) / 2
+            for row in _boxes_near(lower, upper, low, high):
+                middle = (lower[row] + upper[row]) / 2
+                box = coal.Box(upper[row] - lower[row])
+                if meet(shape, T, box, pin.SE3(np.eye(3), middle), margin):
+                    x, y, z = middle
                     return f"{name} meets an obstacle at ({x:.3f}, {y:.3f}, {z:.3f})"
         return ""
+
+    def _bounds(self, number: int, T: pin.SE3, margin: float) -> tuple[Array, Array]:
+        """Lower and upper (3,) of the box along the axes around a shape at T, and that margin."""
+        local = self._overlaps.shapes[number].aabb_local
+        center = T.act((local.min_ + local.max_) / 2)
+        half = np.abs(T.rotation) @ ((local.max_ - local.min_) / 2) + margin
+        return center - half, center + half
+
+
+def _boxes_near(lower: Array, upper: Array, low: Array, high: Array) -> npt.NDArray[np.int64]:
+    """Rows of the boxes (m, 3) that meet the box from low to high (3,), axis by axis."""
+    rows = np.arange(len(lower))
+    for axis in range(3):
+        rows = rows[(lower[rows, axis] <= high[axis]) & (upper[rows, axis] >= low[axis])]
+    return rows
 
 
 @lru_cache(maxsize=4)
