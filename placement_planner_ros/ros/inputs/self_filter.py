@@ -332,6 +332,7 @@ def _body_surfaces(body: Body) -> tuple[SolidSurface, ...]:
 
 
 def _surfaces_of(shape: Shape) -> tuple[SolidSurface, ...]:
+    step("making the surfaces of the robot and of the object")
     if shape.mesh is not None:
         return (SolidSurface(mesh_arrays([shape.mesh])),)
     return tuple(map(_convex_surface, shape.sets))
