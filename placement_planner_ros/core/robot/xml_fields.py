@@ -18,6 +18,8 @@ def read_xml(text: str, field: str) -> ET.Element:
     Raises:
         RobotError: not XML, or its root is not <robot>.
     """
+    if "<" not in str(text):
+        raise RobotError(field, text, "give the text of the file, which is XML")
     # Without namespaces, which need not be bound.
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
