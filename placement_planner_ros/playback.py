@@ -5,7 +5,7 @@ Joints go straight between the points of a trajectory.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -114,7 +114,6 @@ class Playback:
         tip: str,
         start: Mapping[str, float],
         opened: Mapping[str, float],
-        T_world_placed: pin.SE3,
     ) -> Self:
         """Of a client's solution, whose trajectory has points.
 
@@ -130,7 +129,7 @@ class Playback:
             solution.approach_start,
             opened,
             JointCurve.of(retreat) if retreat is not None and retreat.points else None,
-            T_world_placed,
+            pose_of(solution.pose.pose),
         )
 
     def __post_init__(self) -> None:
@@ -146,16 +145,6 @@ class Playback:
     @property
     def _release(self) -> float:
         return RELEASE_DURATION if self.opened else 0.0
-
-    @property
-    def marks(self) -> list[tuple[float, str]]:
-        """When each stage begins, seconds."""
-        marks = [(0.0, "transit"), (self.approach_start, "approach")]
-        if self.opened:
-            marks.append((self.carry.duration, "release"))
-        if self.retreat is not None:
-            marks.append((self.carry.duration + self._release, "retreat"))
-        return marks
 
     def at(self, time: float) -> PlaybackMoment:
         """The moment so many seconds after the start; before and after it all is at rest."""
@@ -181,3 +170,17 @@ class Playback:
         """(count, 3) where the object's origin is carried along, evenly in time."""
         times = np.linspace(0.0, self.carry.duration, count)
         return np.array([self.at(time).T_world_object.translation for time in times])
+
+
+def pose_of(message: Any) -> pin.SE3:
+    """A pose from a geometry_msgs/Pose."""
+    p, r = message.position, message.orientation
+    return pose_of_numbers([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+
+
+def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
+    """A pose from x y z qx qy qz qw; the quaternion need not be of unit length."""
+    numbers = np.array(values, dtype=np.float64)
+    # people round quaternions
+    numbers[3:] /= np.linalg.norm(numbers[3:])
+    return pin.XYZQUATToSE3(numbers)

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
 from matplotlib.figure import Figure
 
 from placement_planner_ros.client import Solution
@@ -72,7 +70,6 @@ def write_objective_plot(path: Path, searches: Searches, objective: str) -> None
 def _leg_of(setting: Setting, best: Solution) -> Leg:
     """The solution's motion, from where the robot of the setting stands."""
     robot, arm = setting.robot, setting.arms[best.arm]
-    p, r = best.pose.pose.position, best.pose.pose.orientation
     motion = Playback.of(
         best,
         lambda positions: {
@@ -81,6 +78,5 @@ def _leg_of(setting: Setting, best: Solution) -> Leg:
         arm.tip_frame,
         setting.positions,
         dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
-        pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])),
     )
     return Leg(setting.name, setting.corners, motion)

@@ -11,7 +11,6 @@ import viser
 from viser import uplot
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.view.words import CONSTRAINTS
 
 _BOX = "padding:2px 14px;font-size:12px;color:#222"
 
@@ -63,7 +62,7 @@ def rejection_bars(rejected: Mapping[str, int], samples: int) -> str:
     rows = "".join(
         '<div style="display:flex;align-items:center;margin:1px 0">'
         f'<span style="width:46%;text-align:right;padding-right:6px">'
-        f"{escape(CONSTRAINTS.get(name, name.replace('_', ' ')))}</span>"
+        f"{escape(name.replace('_', ' '))}</span>"
         f'<span style="width:30%"><span style="display:block;height:10px;border-radius:2px;'
         f'background:#c0563f;width:{max(1.0, 100.0 * number / most):.1f}%"></span></span>'
         f'<span style="width:24%;padding-left:6px;white-space:nowrap">{number:,}</span></div>'

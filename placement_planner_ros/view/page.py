@@ -13,7 +13,7 @@ import viser
 from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.playback import CARRIED, Playback
+from placement_planner_ros.playback import CARRIED, Playback, pose_of
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message, some_of
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.drawn_markers import drawn_points
@@ -21,7 +21,7 @@ from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.stage import FIELD_OF_VIEW, PageStage
-from placement_planner_ros.view.world import Itself, World, pose_of
+from placement_planner_ros.view.world import Itself, World
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
 """Seconds between looks; beside a search, which needs the processor; between moments of a motion;
@@ -143,7 +143,6 @@ class Page:
             tip,
             improvement.positions,
             self._world.opened(solution.arm),
-            pose_of(solution.pose.pose),
         )
 
     # --- what is drawn
@@ -272,18 +271,15 @@ class Page:
                 self._world.parameter("objective", ""),
                 self._confirmed,
             ),
-            stage=self._stage_words(),
             bars=charts.rejection_bars(record.rejected, record.samples),
             note=words.note_html("; ".join(self._said_faults())),
+            stage=self._stage_words(),
         )
 
     def _stage_words(self) -> str:
-        if self._playback is None:
+        if self._playback is None or self._panel.time <= 0.0:
             return ""
-        marks = ", ".join(f"{name} from {at:.1f} s" for at, name in self._playback.marks)
-        if self._panel.time <= 0.0:
-            return words.note_html(f"the robot as it is now; {marks}")
-        return words.note_html(f"now: {self._playback.at(self._panel.time).stage}; {marks}")
+        return words.note_html(f"now: {self._playback.at(self._panel.time).stage}")
 
     def _said_faults(self) -> list[str]:
         faults = {**self._listener.faults, **self._world.faults, **self._faults}

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 import viser
 
@@ -140,9 +139,7 @@ class PageStage:
 
     def draw_cloud(self, topic: str, points: Array) -> None:
         """A cloud's points (n, 3) in the planning frame; the one before goes."""
-        self._draw_points(
-            f"/cloud/{topic.replace('/', '_')}", points, colours.by_height(points[:, 2]), _POINT
-        )
+        self._draw_points(f"/cloud/{topic.replace('/', '_')}", points, colours.CLOUD, _POINT)
 
     def draw_occupancy(self, points: Array, cell_size: float) -> None:
         """The middles of the obstacle set's cells (n, 3)."""
@@ -152,9 +149,7 @@ class PageStage:
         """Points (n, 3) on what earlier runs have placed."""
         self._draw_points("/standing/points", points, colours.STANDING, _STANDING_POINT)
 
-    def _draw_points(
-        self, name: str, points: Array, colour: npt.NDArray[np.uint8] | colours.Rgb, size: float
-    ) -> None:
+    def _draw_points(self, name: str, points: Array, colour: colours.Rgb, size: float) -> None:
         """As one node, whose place is in the middle: coordinates go with half precision."""
         if len(points) == 0:  # browsers complain of a cloud without points
             self._clear(name)

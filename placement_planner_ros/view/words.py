@@ -8,20 +8,6 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.view.record import RunRecord
 
-CONSTRAINTS = {
-    "outside_volume": "outside the target volume",
-    "unstable": "would not stand there",
-    "colliding": "object meets something",
-    "breaks_rule": "against a rule you gave",
-    "not_better": "no better than the best",
-    "no_ik": "out of the arm's reach",
-    "arm_colliding": "arm meets something",
-    "no_release": "fingers cannot open",
-    "no_approach": "no straight way down",
-    "no_retreat": "no way back out",
-}
-"""What rejects a sample, by its name in `~/status`."""
-
 
 def heading_html(record: RunRecord, absent: str) -> str:
     """HTML: what the node is doing.

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from geometry_msgs.msg import Pose
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.playback import pose_of_numbers
 from placement_planner_ros.ros.inputs.mesh_message import mesh_from_lists, mesh_from_message
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
@@ -188,30 +188,6 @@ class World:
             return pin.SE3.Identity()
         T = poses.get(frame)
         return self._transform(self.frame, frame) if T is None and frame and self.frame else T
-
-
-def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
-    """A pose from x y z qx qy qz qw; the quaternion need not be of unit length.
-
-    Raises:
-        ValueError: it is none.
-    """
-    numbers = np.array(values, dtype=np.float64)
-    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not numbers[3:].any():
-        raise ValueError(f"{list(values)} is no pose")
-    # people round quaternions
-    numbers[3:] /= np.linalg.norm(numbers[3:])
-    return pin.XYZQUATToSE3(numbers)
-
-
-def pose_of(message: Pose) -> pin.SE3:
-    """A pose from a message.
-
-    Raises:
-        ValueError: it is none.
-    """
-    p, r = message.position, message.orientation
-    return pose_of_numbers([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
 
 
 def _scaled(vertices: Array, triangles: npt.NDArray[np.int64], scale: float) -> Surface:

@@ -70,7 +70,7 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             b.planners[0].retreats = True
             b.planners[0].statistics.rejected = {"unstable": 12}
             b.planners[0].offers += [0.1, 0.3]
-            find(b, browser, "Placement 2", "ξ = 0.300", "would not stand there", "searching")
+            find(b, browser, "Placement 2", "ξ = 0.300", "unstable", "searching")
             browser.press("Stop")
             find(b, browser, "stopped", "It can be carried out.")
             browser.press("Play")

@@ -88,7 +88,6 @@ def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback)
     times = [0.0, 1.6, 2.3, 3.0]
     stages = ["transit", "approach", "release", "retreat"]
     assert [playback.at(time).stage for time in times] == stages
-    assert [name for _, name in playback.marks] == stages
     assert playback.duration == pytest.approx(3.6)
     assert playback.at(3.6).positions["gripper_l_joint"] == 0.025
     assert playback.at(2.3).positions["gripper_l_joint"] == pytest.approx(

@@ -32,8 +32,8 @@ def test_the_bars_are_as_long_as_their_numbers_are_large():
     html = charts.rejection_bars({"unstable": 900, "no_ik": 450, "no_retreat": 0}, 2000)
     widths = [float(w) for w in re.findall(r"width:([\d.]+)%\"></span>", html)]
     assert widths == [100.0, 50.0]
-    assert words.CONSTRAINTS["unstable"] in html
-    assert words.CONSTRAINTS["no_retreat"] not in html
+    assert "unstable" in html
+    assert "no retreat" not in html
     assert "900" in html
 
 
