@@ -126,14 +126,16 @@ class BranchBounds:
 
     def _rulings_of_faces(self, cells: Cells) -> npt.NDArray[np.int64]:
         placed = PlacedCells(self._sets, cells)
-        ranges = placed.ranges(self._T_face_object)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         # Where several hold, the last one written is told.
-        result[self._overlap.overlapping(ranges)] = Ruling.COLLIDING
         if self._poses.required is not None:
+            ranges = placed.ranges(self._T_face_object)
             result[self._poses.required.impossible(ranges)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
+        # The dearest last, of what is left.
+        left = np.flatnonzero(result == Ruling.OPEN)
+        result[left[self._overlap.overlapping(self.ranges(cells[left]))]] = Ruling.COLLIDING
         return result
 
     def most(self, cells: Cells) -> Array:
