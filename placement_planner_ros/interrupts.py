@@ -41,6 +41,12 @@ def catch_signals() -> threading.Event:
     spinning executor. A terminal's Ctrl-C reaches a node twice, directly and through its parent; so
     the second one cannot cut the teardown short.
     """
+
+    def ask(*_: object) -> None:
+        # By a thread: a signal may come while the main one is within the event's lock, in `wait`.
+        if not _ASKED.is_set():
+            threading.Thread(target=_ASKED.set).start()
+
     for number in _SIGNALS:
-        signal.signal(number, lambda *_: _ASKED.set())
+        signal.signal(number, ask)
     return _ASKED
