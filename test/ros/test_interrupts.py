@@ -15,6 +15,14 @@ from helpers.system import wait
 import placement_planner_ros
 from placement_planner_ros.share import share_path
 
+_WITHIN = """
+import os, signal
+from placement_planner_ros.interrupts import catch_signals
+with catch_signals()._cond:  # as the main thread is, at moments, while it waits
+    os.kill(os.getpid(), signal.SIGINT)
+assert catch_signals().wait(60.0)
+"""
+
 LOADING = """
 import os, sys
 
@@ -158,3 +166,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
         wait(lambda: not others(), 20.0)  # less than what they were at takes
     finally:
         node.kill()
+
+
+def test_a_signal_within_a_wait_does_not_lock():
+    subprocess.run([sys.executable, "-c", _WITHIN], timeout=120.0, check=True)
