@@ -85,7 +85,7 @@ class Commands:
 
     @property
     def busy(self) -> bool:
-        """Whether a worker is still at work, be it told to end or not."""
+        """Whether a run has not ended yet, be it told to end or not."""
         run = self.run
         return run is not None and run.active
 
@@ -122,7 +122,7 @@ class Commands:
     start_with = start
 
     def stop(self) -> ServiceAnswer:
-        """End the run; answers once its worker is idle."""
+        """End the run; answers once it has ended."""
         # without the lock: a stop may come while another command is still being carried out
         if self.run is None:
             return answer("NOT_RUNNING", "no run was started", success=True)
@@ -220,7 +220,7 @@ def _stop_run(run: Run) -> ServiceAnswer:
     if not run.wait(STOP_PATIENCE_S):
         words = f"the worker has not ended within {STOP_PATIENCE_S:g} s; it publishes nothing more"
         return answer("STOPPING", words, run=run.number)
-    # read once the worker is idle, so that no solution comes after the answer
+    # read once it has ended, so that no solution comes after the answer
     values: dict[str, object] = {"run": run.number, "solution": run.solutions}
     if run.best is not None:
         values["objective"] = float(run.best.objective)

@@ -193,11 +193,6 @@ def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monk
     said = b.messages("status")[-1].message
     assert "0.2 s" in said
     assert "making the open hand of arm left" in said
-    monkeypatch.setattr(worker, "PREPARING_S", 1000.0)
-    b.feed()
-    assert b.call("start").success
-    assert b.call("stop").code == "OK"
-    assert ended(b, 2, "stopped")["code"] == "NO_SOLUTION"
 
 
 # --- faults
@@ -314,10 +309,16 @@ def test_the_occupancy_is_that_of_the_run_also_after_a_stop(bench):
     started(b)
     b.call("stop")
     b.wait(lambda: b.messages("occupancy") and b.messages("occupancy")[-1].width > 0)
+
+
+def test_a_run_that_is_prepared_has_no_occupancy_and_is_stopped_at_once(bench):
+    b = bench()
     go_on = threading.Event()
-    b.preparing = lambda _: go_on.wait(60.0)
+    b.preparing = lambda _: go_on.wait(60.0)  # and looks at nothing
     b.feed()
     assert b.call("start").success
     b.wait(lambda: b.messages("occupancy")[-1].width == 0)
+    assert b.call("stop").code == "OK"
+    assert ended(b, 1, "stopped")["code"] == "NO_SOLUTION"
+    assert b.call("start").run == "2"
     go_on.set()
-    b.call("stop")

@@ -138,7 +138,8 @@ class Preparation:
                 planner = make_planner(snapshot, made.environment)
                 return Prepared(planner, made.environment)
         finally:
-            self._run = None
+            if self._run is snapshot:  # another one may have begun since
+                self._run = None
 
     def ready(self, snapshot: Snapshot) -> Environment | None:
         """The environment of that run where it is there already, without a look at its points."""

@@ -127,6 +127,7 @@ class Run:
         self._observer = observer
         self._ending: State | None = None
         self._publishing = threading.Lock()
+        self._ended = threading.Event()
         # A daemon, so that an objective that hangs does not keep the process alive.
         self._thread = threading.Thread(target=self._work, name=f"run {number}", daemon=True)
 
@@ -146,7 +147,7 @@ class Run:
 
     @property
     def active(self) -> bool:
-        """Whether the worker has not ended yet."""
+        """Whether it has not ended yet."""
         return self.state not in ENDED
 
     @property
@@ -181,14 +182,17 @@ class Run:
                 return
             self._ending = outcome
             self.reason = reason or self.reason
-            self.state = State.STOPPING
-        self._observer.changed(self)
+            preparing = self.state is State.PREPARING
+            if not preparing:
+                self.state = State.STOPPING
+        if not preparing:
+            self._observer.changed(self)
+        else:  # the worker lets go of it at its next step, and nobody need wait for that
+            self._become(outcome)
 
     def wait(self, timeout: float) -> bool:
-        """Whether the worker is idle, after at most that many seconds."""
-        if self._thread.is_alive():
-            self._thread.join(timeout)
-        return not self._thread.is_alive()
+        """Whether it has ended, and said so, after at most that many seconds."""
+        return self._ended.wait(timeout)
 
     def should_stop(self) -> bool:
         """Whether the search must end now."""
@@ -230,7 +234,9 @@ class Run:
         return words.replace(f"`{SENSOR}`", ", ".join(names)) if names else words
 
     def fail(self, error: BaseException) -> None:
-        """End over an error, in the thread that met it."""
+        """End over an error, in the thread that met it; what has ended is left as it is."""
+        if not self.active:
+            return
         try:
             self._error_code, self.reason, expected = _failure(error)
             if not expected:
@@ -241,9 +247,15 @@ class Run:
 
     def _become(self, outcome: State) -> None:
         with self._publishing:
+            # told to end while it was prepared, it has ended before its worker
+            if not self.active:
+                return
             # what somebody asked for before the worker came to its end has precedence
             self.state = self._ending or outcome
-        self._observer.changed(self)
+        try:
+            self._observer.changed(self)
+        finally:
+            self._ended.set()
 
     def _work(self) -> None:
         # An objective plug-in may raise anything, and whatever it is must end this run only.
@@ -276,10 +288,11 @@ class Run:
                 raise
             return self._ending
         # the search begins, unless a stop has come meanwhile
-        self.planner, self.environment = prepared.planner, prepared.environment
         with self._publishing:
-            if self._ending is None:
-                self.state = State.SEARCHING
+            if self._ending is not None:
+                return self._ending
+            self.planner, self.environment = prepared.planner, prepared.environment
+            self.state = State.SEARCHING
         self._observer.prepared(self, prepared)
         limit = self.snapshot.parameters["time_limit"]
         if limit > 0.0:
