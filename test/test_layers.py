@@ -48,8 +48,8 @@ ORDER = [
     "core.optimize_locally",
     "core.timing",
     # Algorithm 1
-    "core.explanation",
     "core.statistics",
+    "core.explanation",
     "core.unseen_way",
     "core.planner",
     "core.warmup",

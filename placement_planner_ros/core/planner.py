@@ -22,7 +22,7 @@ from placement_planner_ros.core.contacts.support_settings import (
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.explanation.constraint_table import shares_in_words
 from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.explanation import Explanation, Progress, Search
+from placement_planner_ros.core.explanation.explanation import Explanation, Search
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
@@ -239,6 +239,7 @@ class PlacementPlanner:
         rng: every random choice of the run is drawn from it.
 
     Attributes:
+        environment: as given, without the boxes to keep out of.
         holdings: the usable arms with their grasps, by the arm's name and the grasp's number.
         sampler: SampleGoals.
         motion: PlanMotion.
@@ -270,7 +271,7 @@ class PlacementPlanner:
         # Whole turns of joints are taken off, and put back in each placement.
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
-        before = problem.environment
+        self.environment = problem.environment
         # What nothing may enter, and the regions that are left.
         problem = with_exclusion_zones(replace(problem, q_start=unwound), settings.keep_out)
         if settings.support_region == "largest":
@@ -284,7 +285,7 @@ class PlacementPlanner:
             settings.footing,
             settings.approach.approach_minimum,
             settings.turns_at_rest,
-            make_requirements(settings.context(before, problem.volume, problem.body)),
+            make_requirements(settings.context(self.environment, problem.volume, problem.body)),
         )
         self._poses, self._objective = poses, objective
         # Arms and grasps that can be used, and what checks their samples.
@@ -322,7 +323,7 @@ class PlacementPlanner:
         self.statistics = Statistics(self.sampler.count)
         self._search = Search(
             problem,
-            before,
+            self.environment,
             settings.grasp,
             poses,
             finder,
@@ -405,14 +406,8 @@ class PlacementPlanner:
         if statistics.solutions:
             self.explanation = Explanation(shares_in_words(statistics.count.verdicts))
             return self.explanation
-        progress = Progress(
-            statistics.count,
-            statistics.goals,
-            statistics.motion_iterations,
-            statistics.unreached,
-            frozenset(self._remainder.rulings) if self.cause else frozenset(),
-        )
-        self.explanation = explain_search(self._search, progress)
+        rulings = self._remainder.rulings if self.cause else frozenset()
+        self.explanation = explain_search(self._search, statistics, rulings)
         return self.explanation
 
     def _placements(

@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.body.convex_part import polytope_of
+from placement_planner_ros.core.body.mesh_components import Triangles
+from placement_planner_ros.core.types import Array
 
 Colour = tuple[float, float, float]
 
 COPLANAR_M = 1e-7
-"""Below which hull facets are one face (radians of their unit normals, too), and a point on one."""
+"""m from a face, within which a point is on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,30 +37,14 @@ class ConvexPrimitive:
     name: str
     vertices: Array
     colour: Colour = (0.7, 0.7, 0.7)
-    triangles: npt.NDArray[np.int64] = field(init=False)
+    triangles: Triangles = field(init=False)
     normals: Array = field(init=False)
     offsets: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.vertices, dtype=np.float64)
-        # corners only, in the order given
-        points = points[np.sort(ConvexHull(points).vertices)]
-        hull = ConvexHull(points)
-        triangles = hull.simplices.astype(np.int64)
-        a, b, c = (points[triangles[:, i]] for i in range(3))
-        # Qhull's triangles are turned outward
-        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-        triangles[inward] = triangles[inward][:, ::-1]
-        # facets in one plane are one face
-        planes: list[npt.NDArray[np.float64]] = []
-        for plane in hull.equations:
-            if not any(np.abs(plane - other).max() < COPLANAR_M for other in planes):
-                planes.append(plane)
-        triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", frozen_array(points, (-1, 3)))
-        object.__setattr__(self, "triangles", triangles)
-        object.__setattr__(self, "normals", frozen_array(np.array(planes)[:, :3]))
-        object.__setattr__(self, "offsets", frozen_array(-np.array(planes)[:, 3]))
+        part = polytope_of(np.asarray(self.vertices, dtype=np.float64))
+        for name in ("vertices", "triangles", "normals", "offsets"):
+            object.__setattr__(self, name, getattr(part, name))
 
     def polygon(self, face: int) -> Array:
         """(k, 3) corners of one flat face, counter-clockwise seen from outside."""

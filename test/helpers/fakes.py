@@ -26,7 +26,6 @@ from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.node import PlacementPlannerNode
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.run.preparation import Prepared
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 from placement_planner_ros.scenes.objects import object_by_name
 
@@ -61,7 +60,8 @@ def placement(objective, arm="left", retreats=False, x=0.4, terms=()):
 class FakePlanner:
     """Yields what is put into `offers`; ends when told to stop or when `done` is set."""
 
-    def __init__(self, told):
+    def __init__(self, told, environment):
+        self.environment = environment
         self.statistics = FakeStatistics()
         self.exhausted = ""
         self.explanation, self.told = Explanation(""), told
@@ -177,12 +177,12 @@ class Bench:
     def _prepare(self, snapshot, should_stop):
         self.preparing(should_stop)
         self.snapshots.append(snapshot)
-        planner = FakePlanner(self.explanation)
-        self.planners.append(planner)
         points = np.vstack(snapshot.clouds)
         around = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
         volume = snapshot.parameters.volume
-        return Prepared(planner, Environment.from_points(points, volume, bounds=around))
+        environment = Environment.from_points(points, volume, bounds=around)
+        self.planners.append(FakePlanner(self.explanation, environment))
+        return self.planners[-1]
 
     # --- the world around the node
 

@@ -76,7 +76,7 @@ while run.active and not run.solutions:
     time.sleep(0.05)
 print("placed" if run.solutions else run.summary())
 node._commands.stop()
-watch.way_of(run.snapshot, run.environment, run.best)
+watch.way_of(run.snapshot, run.planner.environment, run.best)
 print(*made, *sorted(versions() - known), sep="; ")
 node.close()
 rclpy.shutdown()

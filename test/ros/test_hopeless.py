@@ -357,8 +357,8 @@ class RealBench(Bench):
     most = SAMPLES
 
     def _prepare(self, snapshot, should_stop):
-        prepared = self.node._preparation.prepare(snapshot, should_stop)
-        planner, most, self.paused = prepared.planner, self.most, threading.Event()
+        planner = self.node._preparation.prepare(snapshot, should_stop)
+        most, self.paused = self.most, threading.Event()
         run = planner.run
 
         def limited(should_stop):
@@ -369,7 +369,7 @@ class RealBench(Bench):
                 time.sleep(0.002)
 
         planner.run = limited
-        return prepared
+        return planner
 
     def give(self, inputs):
         """Set all parameters and hand over the messages, as the executor would."""

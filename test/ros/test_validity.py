@@ -138,7 +138,7 @@ def test_ordinary_clouds_change_nothing(resting):
 def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(resting):
     b = resting
     run, grasp = b.node._commands.run, b.snapshots[-1].arms[0].grasps[0]
-    way = watch.way_of(run.snapshot, run.environment, run.best)
+    way = watch.way_of(run.snapshot, run.planner.environment, run.best)
     around = np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T
     within = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
     comes_to = (place_of(b, at=1.0, offset=grasp.act(p)) for p in within)

@@ -5,6 +5,7 @@ All is told from what the search has counted and proven; nothing is tried out fo
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import replace
 
 from placement_planner_ros.core.errors import listed
@@ -16,7 +17,6 @@ from placement_planner_ros.core.explanation.constraint_table import (
 )
 from placement_planner_ros.core.explanation.explanation import (
     Explanation,
-    Progress,
     Remedy,
     Search,
     quoted,
@@ -26,6 +26,7 @@ from placement_planner_ros.core.explanation.surfaces import (
     why_no_region,
 )
 from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.types import Verdict
 
 _FEW_SAMPLES = 500
@@ -43,10 +44,15 @@ _RULED = {  # what was asked for comes first
 """The constraint that rules out cells, and what every pose in them is."""
 
 
-def explain_search(search: Search, progress: Progress) -> Explanation:
-    """The cause, what to change, and the counts."""
-    told, missing = _first_cause(search, progress), search.poses.contacts.missing()
-    count = progress.count
+def explain_search(search: Search, statistics: Statistics, rulings: Set[Ruling]) -> Explanation:
+    """The cause, what to change, and the counts.
+
+    Args:
+        statistics: how far the search has got.
+        rulings: why nothing is left to look at; empty where something is.
+    """
+    told = _first_cause(search, statistics, rulings)
+    count, missing = statistics.count, search.poses.contacts.missing()
     # regions, samples and what was left out are told whatever the cause is
     numbers = [
         *regions_in_words(search.problem.environment),
@@ -57,7 +63,7 @@ def explain_search(search: Search, progress: Progress) -> Explanation:
     return replace(told, details=(*told.details, *numbers))
 
 
-def _first_cause(search: Search, progress: Progress) -> Explanation:
+def _first_cause(search: Search, statistics: Statistics, rulings: Set[Ruling]) -> Explanation:
     """What comes first in the search comes first here: regions, faces, then samples."""
     environment, hierarchy = search.problem.environment, search.hierarchy
     missing = search.poses.contacts.missing()
@@ -78,12 +84,12 @@ def _first_cause(search: Search, progress: Progress) -> Explanation:
         return Explanation(cause, (Remedy("body", "give one with a flat side"),))
     if not hierarchy.usable:
         return _no_face_as_asked(search)
-    if progress.rulings:
-        return _nothing_left(search, progress.rulings)
-    if progress.count.samples == 0:
+    if rulings:
+        return _nothing_left(search, rulings)
+    if statistics.samples == 0:
         cause = "no sample was tried: the run ended before the search began"
         return Explanation(cause, (Remedy("time_limit", _LONGER),))
-    return _no_motion(search, progress) if progress.found else _all_refused(search, progress)
+    return _no_motion(search, statistics) if statistics.goals else _all_refused(search, statistics)
 
 
 def _no_face_as_asked(search: Search) -> Explanation:
@@ -95,7 +101,7 @@ def _no_face_as_asked(search: Search) -> Explanation:
     return Explanation(cause, tuple(Remedy(name, told[name]) for name in asked))
 
 
-def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
+def _nothing_left(search: Search, rulings: Set[Ruling]) -> Explanation:
     """What is proven of all that the hierarchy holds."""
     ruled = [_RULED[ruling] for ruling in _RULED if ruling in rulings]
     # where some poses break a rule alone, that is what to change
@@ -107,22 +113,22 @@ def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     )
 
 
-def _no_motion(search: Search, progress: Progress) -> Explanation:
+def _no_motion(search: Search, statistics: Statistics) -> Explanation:
     """Goals were found, but no motion to any of them."""
     cause = (
-        f"{progress.found:,} placements were found, but no motion to any of them in "
-        f"{progress.iterations:,} planning iterations"
+        f"{statistics.goals:,} placements were found, but no motion to any of them in "
+        f"{statistics.motion_iterations:,} planning iterations"
     )
-    if progress.unreached:
-        cause += f" ({progress.unreached:,} motions could not be shown to be free)"
+    if statistics.unreached:
+        cause += f" ({statistics.unreached:,} motions could not be shown to be free)"
     # what helps an arm that collides helps one that finds no way
     more_time = Remedy("time_limit", _LONGER)
     return Explanation(cause, (more_time, *remedies_for(search, Verdict.ARM_COLLIDING)))
 
 
-def _all_refused(search: Search, progress: Progress) -> Explanation:
+def _all_refused(search: Search, statistics: Statistics) -> Explanation:
     """The constraint that let the smallest share of what came to it pass is the cause."""
-    count = progress.count
+    count = statistics.count
     # of the samples that came to each constraint the share that it let pass, in their order
     passed: dict[Verdict, tuple[float, int, int]] = {}
     left = count.samples

@@ -1,4 +1,4 @@
-"""What a search that is explained has come to; a cause, what to try, and the numbers behind it."""
+"""A search that is explained; a cause, what to try, and the numbers behind it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.search.sampler import SampleCount
 
 SENSOR = "sensor pose"
 """What says where a sensor is."""
@@ -78,25 +76,6 @@ class Search:
     hierarchy: AfrHierarchy
     unusable: tuple[str, ...]
     usual_support: SupportSettings
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Progress:
-    """How far it has got.
-
-    Attributes:
-        count: samples and their verdicts.
-        found: how many goals.
-        iterations: of motion planning.
-        unreached: motions that could not be certified.
-        rulings: why nothing is left to look at; empty where something is.
-    """
-
-    count: SampleCount
-    found: int = 0
-    iterations: int = 0
-    unreached: int = 0
-    rulings: frozenset[Ruling] = frozenset()
 
 
 def quoted(names: str) -> str:

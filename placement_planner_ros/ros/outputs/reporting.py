@@ -11,13 +11,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from placement_planner_ros.core.errors import listed
+from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import STATUS_PERIOD_S, Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.patience import LOOK_S
-from placement_planner_ros.ros.run.preparation import Prepared
 from placement_planner_ros.ros.run.surroundings import environment_notes
 from placement_planner_ros.ros.run.validity import moved_from_start, outdated_inputs
 from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
@@ -84,15 +84,15 @@ class Reporter:
             self._run, self._left, self._disagreements = run, "", ""
         self.report()
 
-    def prepared(self, run: Run, prepared: Prepared) -> None:
+    def prepared(self, run: Run, planner: PlacementPlanner) -> None:
         """The run has begun to search."""
-        notes = environment_notes(run.snapshot, prepared.environment)
-        if prepared.planner.unusable:
-            notes.append(f"does without: {listed(prepared.planner.unusable, '; ')}")
+        notes = environment_notes(run.snapshot, planner.environment)
+        if planner.unusable:
+            notes.append(f"does without: {listed(planner.unusable, '; ')}")
         for note in notes:
             self._log.event(f"run {run.number}: {note}")
-        self._outputs.environment(run.snapshot, prepared.environment)
-        self._disagreements = "; ".join(map(str, prepared.environment.disagreements))
+        self._outputs.environment(run.snapshot, planner.environment)
+        self._disagreements = "; ".join(map(str, planner.environment.disagreements))
         self.report()
 
     def placed(self, run: Run, placement: Placement) -> None:
@@ -217,9 +217,9 @@ class Reporter:
         self._outputs.draw()
         if run is not None:
             self.left_start(run)
-            best = run.best
-            if best is not None and run.environment is not None and not run.confirmed:
-                self._watch.look(run.snapshot, run.environment, best)
+            best, planner = run.best, run.planner
+            if best is not None and planner is not None and not run.confirmed:
+                self._watch.look(run.snapshot, planner.environment, best)
         self.report(only_news=True)
 
     def _diagnose(self) -> None:

@@ -31,15 +31,7 @@ Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
 """What tells one state of the inputs from another, and their snapshot; None where some miss."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """A planner and what it plans in."""
-
-    planner: PlacementPlanner
-    environment: Environment
-
-
-Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]
+Prepare = Callable[[Snapshot, Callable[[], bool]], PlacementPlanner]
 """Makes the planner of a run; raises `StoppedError` where it was told to stop first."""
 
 
@@ -116,7 +108,7 @@ class Preparation:
         if self._ahead.is_alive():
             self._ahead.join(STOP_PATIENCE_S)
 
-    def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
+    def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> PlacementPlanner:
         """The planner of a run.
 
         Raises:
@@ -135,8 +127,7 @@ class Preparation:
                     made = self._make(snapshot)
                 finally:
                     self._making.release()
-                planner = make_planner(snapshot, made.environment)
-                return Prepared(planner, made.environment)
+                return make_planner(snapshot, made.environment)
         finally:
             if self._run is snapshot:  # another one may have begun since
                 self._run = None

@@ -13,11 +13,10 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.explanation.explanation import SENSOR
 from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
-from placement_planner_ros.ros.run.preparation import Prepare, Prepared
+from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.spinning import survive
 
@@ -69,7 +68,7 @@ class Warmth(threading.Event):
 class RunObserver(Protocol):
     """Hears of a run's progress, in its worker thread."""
 
-    def prepared(self, run: Run, prepared: Prepared) -> None:
+    def prepared(self, run: Run, planner: PlacementPlanner) -> None:
         """The environment is ready; the search begins."""
 
     def placed(self, run: Run, placement: Placement) -> None:
@@ -99,7 +98,7 @@ class Run:
         found: how many placements were published, and the last of them; None before the first.
         poses: T_world_object of each of them, by their numbers.
         confirmed: whether one of them has been carried out.
-        planner, environment: what it plans with and in; None while they are prepared.
+        planner: what it plans with; None while that is prepared.
     """
 
     def __init__(
@@ -118,7 +117,6 @@ class Run:
         self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
         self.planner: PlacementPlanner | None = None
-        self.environment: Environment | None = None
         self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
@@ -263,7 +261,7 @@ class Run:
         if outcome is not None:
             self._become(outcome)
 
-    def _prepared(self) -> Prepared:
+    def _prepared(self) -> PlacementPlanner:
         """The planner, once all is compiled.
 
         Raises:
@@ -282,7 +280,7 @@ class Run:
 
     def _search(self) -> State:
         try:
-            prepared = self._prepared()
+            planner = self._prepared()
         except StoppedError:
             if self._ending is None:
                 raise
@@ -291,21 +289,21 @@ class Run:
         with self._publishing:
             if self._ending is not None:
                 return self._ending
-            self.planner, self.environment = prepared.planner, prepared.environment
+            self.planner = planner
             self.state = State.SEARCHING
-        self._observer.prepared(self, prepared)
+        self._observer.prepared(self, planner)
         limit = self.snapshot.parameters["time_limit"]
         if limit > 0.0:
             self._deadline = time.monotonic() + limit
         # a stop in the middle of a step raises StoppedError, which here is no failure
         with contextlib.suppress(StoppedError), stoppable(self.should_stop):
-            self._take_placements(prepared.planner)
+            self._take_placements(planner)
         # it ended because it was told to, or because nothing is left
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
         # in this thread, as nobody else may look into the search
-        prepared.planner.explain()
+        planner.explain()
         if outcome is State.EXHAUSTED:
-            self.reason = self._named(prepared.planner.exhausted)
+            self.reason = self._named(planner.exhausted)
         return outcome
 
     def _take_placements(self, planner: PlacementPlanner) -> None:

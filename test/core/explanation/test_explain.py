@@ -13,7 +13,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.explanation.constraint_table import TABLE as ROWS
 from placement_planner_ros.core.explanation.constraint_table import shares_in_words
 from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.explanation import Explanation, Progress, Remedy, quoted
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, quoted
 from placement_planner_ros.core.explanation.surfaces import why_no_region
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
@@ -93,9 +93,7 @@ def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(tab
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
 
     def told(*rulings):
-        return explain_search(
-            planner._search, Progress(planner.statistics.count, rulings=frozenset(rulings))
-        )
+        return explain_search(planner._search, planner.statistics, {*rulings})
 
     reach, support = told(Ruling.OUT_OF_REACH), told(Ruling.UNSUPPORTED)
     both = told(Ruling.UNSUPPORTED, Ruling.OUT_OF_REACH)
