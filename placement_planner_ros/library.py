@@ -16,12 +16,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings as CarrySettings
 from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import (
-    JointStateError,
-    ParameterError,
-    VolumeError,
-    listed,
-)
+from placement_planner_ros.core.errors import JointStateError, ParameterError, VolumeError, listed
 from placement_planner_ros.core.errors import PlacementPlannerError as PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import Objective

@@ -173,13 +173,19 @@ class Playback:
 
 
 def pose_of(message: Any) -> pin.SE3:
-    """A pose from a geometry_msgs/Pose."""
+    """A pose from a geometry_msgs/Pose; see `pose_of_numbers`."""
     p, r = message.position, message.orientation
     return pose_of_numbers([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
 
 
 def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
-    """A pose from x y z qx qy qz qw; the quaternion need not be of unit length."""
+    """A pose from x y z qx qy qz qw, metres; the quaternion need not be of unit length.
+
+    Not finite where the quaternion is zero or a number is not finite.
+
+    Raises:
+        ValueError: they are not seven, or one is no number.
+    """
     numbers = np.array(values, dtype=np.float64)
     # people round quaternions
     numbers[3:] /= np.linalg.norm(numbers[3:])

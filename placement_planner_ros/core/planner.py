@@ -58,10 +58,7 @@ from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.timing import CurveSettings
-from placement_planner_ros.core.timing.trajectory_maker import (
-    TimingSettings,
-    TrajectoryMaker,
-)
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import MAX_BOXES, Array, Goal, Placement, TargetVolume
 from placement_planner_ros.core.unseen_way import unseen_share
 from placement_planner_ros.core.wishes import checks

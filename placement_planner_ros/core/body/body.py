@@ -16,11 +16,7 @@ from placement_planner_ros.core.body.convex_part import (
 )
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
-from placement_planner_ros.core.body.mesh_components import (
-    Components,
-    Triangles,
-    equal_rows,
-)
+from placement_planner_ros.core.body.mesh_components import Components, Triangles, equal_rows
 from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points

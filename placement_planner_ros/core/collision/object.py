@@ -11,11 +11,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.swept_object import (
-    SweptPoses,
-    check_poses,
-    swept_object,
-)
+from placement_planner_ros.core.collision.swept_object import SweptPoses, check_poses, swept_object
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Slope, kernel_input
 

@@ -18,11 +18,7 @@ from placement_planner_ros.core.collision.mesh_distances import SolidSurface
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.solids import (
-    CollisionBody,
-    SolidRows,
-    bounding_sphere,
-)
+from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows, bounding_sphere
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array

@@ -8,12 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.contacts.contact_class import (
-    ContactClass,
-    Index,
-    Mask,
-    Missing,
-)
+from placement_planner_ros.core.contacts.contact_class import ContactClass, Index, Mask, Missing
 from placement_planner_ros.core.contacts.face import FaceContact
 from placement_planner_ros.core.contacts.lean import LeanContact
 from placement_planner_ros.core.contacts.support_settings import SupportSettings

@@ -15,16 +15,8 @@ from placement_planner_ros.core.explanation.constraint_table import (
     remedies_for,
     shares_in_words,
 )
-from placement_planner_ros.core.explanation.explanation import (
-    Explanation,
-    Remedy,
-    Search,
-    quoted,
-)
-from placement_planner_ros.core.explanation.surfaces import (
-    regions_in_words,
-    why_no_region,
-)
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, Search, quoted
+from placement_planner_ros.core.explanation.surfaces import regions_in_words, why_no_region
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.types import Verdict

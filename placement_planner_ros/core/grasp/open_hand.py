@@ -15,11 +15,7 @@ import pinocchio as pin
 from scipy.optimize import bisect
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import (
-    PLACED_OBJECT,
-    ArmCollision,
-    CollisionSettings,
-)
+from placement_planner_ros.core.collision.arm import PLACED_OBJECT, ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.grasp.hand_opening import with_opening_hand
 from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, GraspSettings

@@ -101,9 +101,7 @@ class Arm:
         """
         # The range of a follower, as a range of the joint that it follows.
         lower, upper = np.array(lower, np.float64), np.array(upper, np.float64)
-        for joint, other, factor, offset in self.ties.tolist():
-            if factor == 0.0:
-                continue
+        for joint, other, factor, offset in self.ties[self.ties[:, 2] != 0.0].tolist():
             low, high = sorted((end[int(joint)] - offset) / factor for end in (lower, upper))
             lower[int(other)] = max(lower[int(other)], low - ROUNDING)
             upper[int(other)] = min(upper[int(other)], high + ROUNDING)

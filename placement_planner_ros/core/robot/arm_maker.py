@@ -93,26 +93,19 @@ def _ties(robot: Robot, where: str, joints: Sequence[str], chain: Sequence[str])
     Raises:
         RobotError: one of them moves with a joint that is not among them.
     """
-    # A tie where both are joints of the arm; else neither may be.
+    # A tie where both are joints of the arm; else neither may be, unless it moves nothing.
+    moving = {*chain}.union(*map(robot.chain_joints, {*robot.geometry_links}))
     ties = []
     for follower, mimic in robot.mimics.items():
         if follower in joints and mimic.master in joints:
             places = joints.index(follower), joints.index(mimic.master)
             ties.append((*places, mimic.multiplier, mimic.offset))
-        elif follower in joints or (
-            mimic.master in joints and (follower in chain or _moves_shapes(robot, follower))
-        ):
+        elif follower in joints or (mimic.master in joints and follower in moving):
             tied = {*robot.mimics, mimic.master}
             words = f"mimics {mimic.master}, and not both are joints of the arm: where they should "
             words += f"stay where they are, choose {[name for name in joints if name not in tied]}"
             raise RobotError(f"{where}: joints", follower, words)
     return np.array(ties, dtype=np.float64).reshape(-1, 4)
-
-
-def _moves_shapes(robot: Robot, joint: str) -> bool:
-    """Whether shapes hang on a joint."""
-    below = set(robot.model.subtrees[robot.model.getJointId(joint)])
-    return any(thing.parentJoint in below for thing in robot.geometry.geometryObjects)
 
 
 def _hand_links(robot: Robot, tip_frame: str) -> list[str]:

@@ -44,7 +44,6 @@ class Joint:
     """A movable joint.
 
     Attributes:
-        name: of the joint.
         limit: all of them finite.
         mimic: what it follows.
         continuous: whether it turns without end stops.
@@ -52,7 +51,6 @@ class Joint:
         assumed: which of its rates nobody states, "velocity" or "acceleration".
     """
 
-    name: str
     limit: JointLimit
     mimic: Mimic | None
     continuous: bool
@@ -98,7 +96,6 @@ def read_joint(
     numbers = {"lower": lower, "upper": upper, "velocity": velocity, "effort": 0.0}
     limit.attrib = {end: repr(number) for end, number in numbers.items()}
     return Joint(
-        name,
         JointLimit(lower, upper, velocity, acceleration),
         _read_mimic(name, elements, warnings),
         endless,

@@ -14,11 +14,7 @@ from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.arm_maker import derive_arm
 from placement_planner_ros.core.robot.description import build_model, read_urdf
-from placement_planner_ros.core.robot.geometry import (
-    MeshReader,
-    PackageDirs,
-    build_geometry,
-)
+from placement_planner_ros.core.robot.geometry import MeshReader, PackageDirs, build_geometry
 from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.joint_space import JointSpace
 from placement_planner_ros.core.types import Array
@@ -81,8 +77,9 @@ class Robot(JointSpace):
         # Kinematics, then geometry.
         root, movable, warnings = read_urdf(urdf_text, joint_limits)
         model = build_model(root)
-        joints = [movable[name] for name in model.names[1:]]  # as coordinates are
-        limits = np.array([astuple(joint.limit) for joint in joints]).reshape(-1, 4)
+        names = tuple(map(str, model.names[1:]))  # as coordinates are
+        joints = {name: movable[name] for name in names}
+        limits = np.array([astuple(joint.limit) for joint in joints.values()]).reshape(-1, 4)
         files = package_dirs or {}
         geometry, shape_links, meshes, notes = build_geometry(root, model, files, cover)
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
@@ -93,15 +90,15 @@ class Robot(JointSpace):
             geometry=geometry,
             geometry_links=shape_links,
             meshes=meshes,
-            joint_names=tuple(joint.name for joint in joints),
+            joint_names=names,
             lower=limits[:, 0],
             upper=limits[:, 1],
             velocity_limits=limits[:, 2],
             acceleration_limits=limits[:, 3],
-            assumed={joint.name: joint.assumed for joint in joints},
-            mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
-            continuous=frozenset(joint.name for joint in joints if joint.continuous),
-            prismatic=frozenset(joint.name for joint in joints if joint.prismatic),
+            assumed={name: joint.assumed for name, joint in joints.items()},
+            mimics={n: joint.mimic for n, joint in joints.items() if joint.mimic is not None},
+            continuous=frozenset(name for name in names if joints[name].continuous),
+            prismatic=frozenset(name for name in names if joints[name].prismatic),
         )
         # Pairs to leave out: of the SRDF, or derived; what is left is checked.
         if srdf is None:
@@ -113,12 +110,8 @@ class Robot(JointSpace):
         meet = np.zeros((len(shape_links), len(shape_links)), dtype=np.bool_)
         meet[tuple(checked.reshape(-1, 2).T)] = True
         geometry.setCollisionPairs(meet)  # at once: one by one, each is compared with all before
-        return replace(
-            robot,
-            allowed_pairs=allowed,
-            passive=passive,
-            warnings=(*warnings, *notes, *told),
-        )
+        words = (*warnings, *notes, *told)
+        return replace(robot, allowed_pairs=allowed, passive=passive, warnings=words)
 
     arm = derive_arm
 
@@ -147,9 +140,8 @@ class Robot(JointSpace):
         if missing:
             raise JointStateError("`q_start`: missing", missing, "give these joints too")
         # All that is given; the others at zero or the limit next to it.
-        known = [n for n in self.joint_names if n in positions]
         q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
-        return self.with_positions(q, {name: positions[name] for name in known})
+        return self.with_positions(q, {n: positions[n] for n in self.joint_names if n in positions})
 
     def with_open_hand(self, q: Array, arm: Arm) -> Array:
         """A copy of q (nq,) with the arm's gripper open."""

@@ -72,10 +72,9 @@ def read_origin(element: ET.Element, field: str) -> pin.SE3:
     """
     # Nothing said is no offset.
     origin = element.find("origin")
-    if origin is None:
-        return pin.SE3.Identity()
+    given = {} if origin is None else origin.attrib
     xyz, rpy = (
-        read_floats(origin.get(name, "0 0 0"), 3, f"{field}: origin {name}")
+        read_floats(given.get(name, "0 0 0"), 3, f"{field}: origin {name}")
         for name in ("xyz", "rpy")
     )
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)

@@ -7,13 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.scene.freespace import (
-    CEILING_M,
-    FREE,
-    OCCUPIED,
-    UNSEEN,
-    SeenSpace,
-)
+from placement_planner_ros.core.scene.freespace import CEILING_M, FREE, OCCUPIED, UNSEEN, SeenSpace
 from placement_planner_ros.core.scene.regions import Region
 
 SIDE_M, RISE_M = 0.15, 0.1

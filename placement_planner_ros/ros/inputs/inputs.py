@@ -19,12 +19,7 @@ from placement_planner_ros.core.measured_points import measured_points
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
-from placement_planner_ros.ros.inputs.frames import (
-    CloudFrameError,
-    cloud_pose,
-    is_eye,
-    turned_axes,
-)
+from placement_planner_ros.ros.inputs.frames import CloudFrameError, cloud_pose, is_eye, turned_axes
 from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, FixedLinks, fixed_links
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects

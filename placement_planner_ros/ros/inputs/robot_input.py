@@ -7,11 +7,7 @@ from collections.abc import Hashable, Iterable
 from functools import partial
 from typing import Any
 
-from placement_planner_ros.core.errors import (
-    ParameterError,
-    RobotError,
-    listed,
-)
+from placement_planner_ros.core.errors import ParameterError, RobotError, listed
 from placement_planner_ros.core.meshes.read import Triangles, check_header
 from placement_planner_ros.core.robot.announcement import announce_arm
 from placement_planner_ros.core.robot.model import Arm, Robot

@@ -12,11 +12,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.did_you_mean import did_you_mean
-from placement_planner_ros.core.errors import (
-    NAMED_THINGS,
-    ParameterError,
-    PlacementPlannerError,
-)
+from placement_planner_ros.core.errors import NAMED_THINGS, ParameterError, PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings

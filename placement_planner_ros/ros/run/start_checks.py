@@ -20,10 +20,7 @@ from placement_planner_ros.core.errors import (
     PlacementPlannerError,
     listed,
 )
-from placement_planner_ros.core.grasp.start_state_check import (
-    StartRules,
-    faults_at_start,
-)
+from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
