@@ -36,6 +36,7 @@ from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD, Wall
 from placement_planner_ros.core.search.hierarchy import Ranges
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import FULL_TURN, LEVEL, Array, Contact, Resting, Slope
 
 ANY_ANGLE: Ranges = ((0.0, FULL_TURN / 256),)
@@ -151,6 +152,7 @@ class LeanContact:
         centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
         result = np.zeros(len(T), np.bool_)
         for row, wall in enumerate(self._wall_of[features]):
+            step("looking which leaning poses friction holds")
             # In axes of the wall's foot.
             frame, tilt = self._frames[wall], float(self._tilts[wall])
             under, behind = (corners[row][on[row]] @ frame for on in (floor, against))
@@ -189,6 +191,7 @@ class LeanContact:
         or below the surface's, is what the object leans on."""
         found = np.zeros(len(T), np.bool_)
         for k, (pose, number, height) in enumerate(zip(T, features, heights, strict=True)):
+            step("looking which leaning poses are free")
             boxes = self._boxes_before(int(self._wall_of[number]), float(height))
             found[k] = self._collision.free_along(pose, self.opening(number), raised, boxes)
         return found
@@ -256,7 +259,7 @@ class LeanContact:
         if not self._walls:
             words = "no wall was found in or around `volume` to lean on"
             steep = math.degrees(STEEPEST_LEAN_RAD)
-            upright = f"choose one before a wall that clouds show, {steep:g} degrees off at most"
+            upright = f"choose one before a wall, {steep:g} degrees off upright at most"
             return Missing(words, "volume", upright)
         for wall in self._walls:
             reaches = dict.fromkeys(self._reaches.before(wall.tilt).values())
@@ -314,7 +317,7 @@ class LeanContact:
                 "where an edge would stand before a wall, surface or wall ends or was not seen at "
                 "the ends of what touches",
                 "volume",
-                "choose one before a wall that clouds show whole",
+                "choose one before a wall that is known, or seen whole",
             ),
         }
 

@@ -20,8 +20,11 @@ from placement_planner_ros.core.objective.objective import (
     finite_answer,
 )
 from placement_planner_ros.core.search.sampler import Draws, Outcome, TryOrder, as_drawn
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
 
+_ASKED_AT_ONCE = 64
+"""Poses whose objective is asked for together; in between it is looked whether anybody waits."""
 _TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
@@ -85,9 +88,11 @@ class GoalFinder:
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         # ξ of those that pass.
-        if len(free):
-            values[free] = self._values(T[free], best)
-            verdicts[free] = Verdict.NOT_BETTER
+        for rows in np.split(free, range(_ASKED_AT_ONCE, len(free), _ASKED_AT_ONCE)):
+            if len(rows):
+                step("asking the objective")
+                values[rows] = self._values(T[rows], best)
+        verdicts[free] = Verdict.NOT_BETTER
         # Those that would be better are to be reached.
         found: list[Goal] = []
         outcome = Outcome(verdicts, values, found)

@@ -13,6 +13,7 @@ from helpers.tasks import yumi_task
 from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, stays
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Contact
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
@@ -55,6 +56,8 @@ def test_things_lean_where_they_can_and_nowhere_else(situation, cloud):
     # Before a wall that is off by the tolerance the weight and half the wrench are borne, too.
     task = replace(task, stability_margin=0.5 * task.stability_margin)
     for T, feature in found:
+        with pytest.raises(StoppedError), stoppable(lambda: True):
+            contact.held(T[None], np.array([feature]))
         out = contact.opening(feature)[:2] / np.linalg.norm(contact.opening(feature)[:2])
         for off in (-0.003, 0.003):
             at = contact.moved(pin.SE3(T), Contact(feature, 0.0), np.array([*(off * out), 0.0]))
