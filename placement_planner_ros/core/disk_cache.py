@@ -75,7 +75,7 @@ def digest_of(*parts: object) -> str:
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
-            digest.update(f"{part.dtype} {part.shape} ".encode() + part.tobytes())
+            digest.update(f"{part.dtype.str} {part.shape} ".encode() + part.tobytes())
         elif isinstance(part, bytes):
             digest.update(f"{len(part)} ".encode() + part)
         elif isinstance(part, tuple):

@@ -68,6 +68,8 @@ class SolidRows:
     @classmethod
     def joined(cls, rows: Sequence[SolidRows]) -> SolidRows:
         """One below the other, their numbers counted on."""
+        if len(rows) == 1:
+            return rows[0]
         begins = np.cumsum([np.zeros(4, dtype=np.int64), *(each.sizes for each in rows)], axis=0)
         nodes, sets = [], []
         for each, (node, first_set, *others) in zip(rows, begins[:-1].tolist(), strict=True):
@@ -112,16 +114,17 @@ class SolidRows:
 
 
 def bounding_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius of a ball around (n, 3) points, within 1 % of the smallest.
+    """Centre (3,) and radius of a ball around (n, 3) points, within 5 % of the smallest.
 
-    Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
+    Bădoiu and Clarkson's core-set iteration from the middle of their box: ever smaller steps
+    towards the farthest point.
     """
-    center = best = points.mean(axis=0)
+    center = best = 0.5 * (points.min(axis=0) + points.max(axis=0))
     smallest = np.inf
-    for step in range(40):
+    for step in range(12):
         squares = np.square(points - center).sum(axis=1)
         farthest = squares.argmax()
         if squares[farthest] < smallest:
             best, smallest = center, squares[farthest]
-        center = center + (points[farthest] - center) / (step + 2)
+        center = center + (points[farthest] - center) / (step + 3)
     return best, math.sqrt(smallest)

@@ -167,6 +167,7 @@ def _pushing_links(
     change = robot.with_open_hand(q, arm) - q
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    frames_in = functools.cache(functools.partial(joint_frames, robot, q, change))
     deepest: dict[str, float] = {}
     # Every geometry that moves against every solid of the object.
     for i, thing in enumerate(robot.geometry.geometryObjects):
@@ -174,10 +175,10 @@ def _pushing_links(
         if not (moving_coordinates(robot, joint) & (change != 0.0)).any():
             continue
         # How far it moves, in steps.
-        ends = [frame[joint] * thing.placement for frame in joint_frames(robot, q, change, 1)]
+        ends = [frame[joint] * thing.placement for frame in frames_in(1)]
         away = [T.rotation @ _corners_of(thing.geometry).T + T.translation[:, None] for T in ends]
         far = float(np.linalg.norm(away[1] - away[0], axis=0).max())
-        frames = joint_frames(robot, q, change, 1 + int(far / _OPENING_STEP_M))
+        frames = frames_in(1 + int(far / _OPENING_STEP_M))
         places = [frame[joint] * thing.placement for frame in frames]
         for j in range(first, len(overlaps.shapes)):
             step(f"looking whether {link} opens into the object")

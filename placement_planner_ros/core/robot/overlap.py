@@ -20,6 +20,7 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 if TYPE_CHECKING:
     from placement_planner_ros.core.robot.model import Robot
 
+
 _CUBE = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 _DIRECTIONS = _CUBE / np.linalg.norm(_CUBE, axis=1)[:, None]
 """(26, 3) unit vectors to the faces, edges and corners of a cube."""
@@ -88,15 +89,20 @@ class Overlaps:
     def depth(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0) -> float:
         """Metres by which one must be moved that they do not overlap any more.
 
-        Not the very least way: the shortest of 26 directions, up to a twentieth longer than it is.
-        All are tried step by step, as what is hollow may be free after a short way and meet its
-        other side after a longer one.
+        Where one is a mesh not the very least way: the shortest of 26 directions, up to a twentieth
+        longer than it is. All are tried step by step, as what is hollow may be free after a short
+        way and meet its other side after a longer one.
 
         Args:
             beyond: metres; what is no deeper counts as zero, which is found sooner.
         """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
+        # Of two solids coal tells it.
+        if self._meshes[i] is None and self._meshes[j] is None:
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
+            by = -coal.distance(self.shapes[i], T_i, self.shapes[j], T_j, request, result)
+            return by if by > beyond else 0.0
         # Away from the other's middle first.
         away = T_j.act(self.centers[j]) - T_i.act(self.centers[i])
         ways = _DIRECTIONS[np.argsort(-_DIRECTIONS @ away, kind="stable")]
