@@ -51,8 +51,7 @@ def test_a_run_is_the_same_whether_prepared_for_or_not(snapshot, unknown_space):
     assert early.ready(noisy) is ahead
     assert other.environment is not ahead
     results = []
-    for each in (one, other):
-        planner = each.planner
+    for planner in (one, other):
         placements = planner.run(lambda planner=planner: planner.statistics.samples >= 300)
         results.append([(p.objective, p.trajectory.positions.tolist()) for p in placements])
     assert results[0]
