@@ -58,8 +58,8 @@ def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
             [
                 *field.origin,
                 field.cell_size,
-                *corners[:, :3].min(axis=0),
-                *corners[:, 3:].max(axis=0),
+                *(low.min() for low in obstacles.lower.T),
+                *(high.max() for high in obstacles.upper.T),
                 *field.shape,
                 field.step,
                 field.exact,

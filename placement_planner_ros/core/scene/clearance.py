@@ -103,11 +103,12 @@ class ClearanceField:
         low, high = volume.lower[:2] - AROUND_M, volume.upper[:2] + AROUND_M
         sides = high - low
         pixel = max(obstacles.cell_size, math.sqrt(float(sides.prod()) / MOST_PIXELS))
-        near = ((runs.at >= low - CAP) & (runs.at <= high + CAP)).all(axis=1)
-        runs = Runs(*(each[near] for each in runs))
         # the raster holds all runs, so that they are handed on from where they are
-        first = np.floor((np.min(runs.at, axis=0, initial=np.inf) - low) / pixel)
-        last = np.ceil((np.max(runs.at, axis=0, initial=-np.inf) - low) / pixel)
+        least, most = (
+            np.array([of(along, initial=end) for along in runs.at.T])
+            for of, end in ((np.min, np.inf), (np.max, -np.inf))
+        )
+        first, last = np.floor((least - low) / pixel), np.ceil((most - low) / pixel)
         kept = np.ceil(sides / pixel).astype(np.int64) + 1
         before = np.maximum(-np.nan_to_num(first, posinf=0.0), 0.0).astype(np.int64)
         after = np.maximum(np.nan_to_num(last, neginf=0.0) - kept + 1, 0.0).astype(np.int64)

@@ -133,7 +133,7 @@ def _thinned_and_extents(
     points: Array, cell_size: float, lower: npt.ArrayLike, upper: npt.ArrayLike
 ) -> tuple[npt.NDArray[np.int64], int, Array, Array]:
     """`thinned`, `finite_extent`, and the corners (2, 3) of what lies within those given."""
-    slots = 1 << max(math.ceil(math.log2(2 * len(points) + 2)), 4)
+    slots = 1 << math.ceil(math.log2(1.5 * len(points) + 16.0))
     within = np.array(
         [np.broadcast_to(np.asarray(end, np.float64), (3,)) for end in (lower, upper)]
     )

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core import stopping
+from placement_planner_ros.core.boxes import within
 from placement_planner_ros.core.scene.cells import Bins, Rows
 from placement_planner_ros.core.scene.cloud import SAMPLES
 from placement_planner_ros.core.types import Array
@@ -43,7 +44,7 @@ def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
     for step in np.ndindex(3, 3, 3):
         # where there is a cell that way, what it holds
         cells = bins.cells[rows] + np.array(step) - 1
-        there = ((cells >= 0) & (cells < bins.number_at.shape)).all(axis=1)
+        there = within(cells, (0, 0, 0), np.subtract(bins.number_at.shape, 1))
         total[there] += of_number[bins.number_at[tuple(cells[there].T)]]
     lone = np.zeros(len(counts), np.bool_)
     lone[rows[total < min_points]] = True

@@ -136,13 +136,21 @@ def _distance_bound(
             last += 1
         i, j = cells[first, 0] - first_cell[0], cells[first, 1] - first_cell[1]
         column_used[i, j] = plane_used[i] = True
-        # the least square in z from the middle of each of its cells to any of them
+        # the least square in z from the middle of each of its cells to any of them: upwards to the
+        # highest of the cells below and those of the cell itself, and downwards
         column, z = values[i, j], boxes.origin[2] + (first_cell[2] + 0.5) * size
-        for r in range(first, last):
-            low, high = boxes.lower[r, 2] - z, boxes.upper[r, 2] - z
-            for k in range(nz):
-                away = np.float32(max(low - k * size, k * size - high, 0.0))
-                column[k] = min(column[k], away * away)
+        for side in range(-1, 2, 2):
+            r, nearest = first if side < 0 else last - 1, -math.inf
+            for n in range(nz):
+                k = n if side < 0 else nz - 1 - n
+                middle, away = z + k * size, -nearest - side * (z + k * size)
+                while first <= r < last and boxes.cells[r, 2] - first_cell[2] == k:
+                    low, high = boxes.lower[r, 2], boxes.upper[r, 2]
+                    away = min(away, max(low - middle, middle - high))
+                    nearest = max(nearest, high if side < 0 else -low)
+                    r -= side
+                gap = np.float32(max(away, 0.0))
+                column[k] = min(column[k], gap * gap)
         first = last
     # counted is up to the near face of a line's cells
     gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import label, map_coordinates
 
+from placement_planner_ros.core.boxes import within
 from placement_planner_ros.core.scene.cloud import AROUND_M, SAMPLES, STEP_M, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.rasters import (
@@ -136,23 +137,20 @@ class SlopeCloud:
             ((each - first) * (1.0 / self.cell_size)).clip(0.0, many - 1.0).astype(np.int64)
             for each, first, many in zip((x, y), corner.tolist(), columns.shape, strict=True)
         )
-        on, over = (heights <= height + band) & columns[i, j], heights > rise
-        return (
-            np.column_stack([x[on], y[on], heights[on]]).astype(np.float64),
-            np.column_stack([x[over], y[over]]).astype(np.float64),
-            len(near),
-        )
+        among = columns.take(i * columns.shape[1] + j)
+        on, over = np.flatnonzero((heights <= height + band) & among), heights > rise
+        found = np.empty((len(on), 3))
+        for axis, each in enumerate((x, y, heights)):
+            found[:, axis] = each.take(on)
+        return found, np.column_stack([x[over], y[over]]).astype(np.float64), len(near)
 
     @cached_property
     def _about(self) -> tuple[Field, Field]:
         """(2, n) x and y of the points about V, and their heights (n,)."""
         places = np.asarray(self.points.T, np.float32, order="C")
         heights = places[2] - self.slope[0] * places[0] - self.slope[1] * places[1]
-        about = np.ones(len(heights), np.bool_)
-        for axis in range(2):
-            about &= places[axis] >= float(self.volume.lower[axis] - AROUND_M)
-            about &= places[axis] < float(self.volume.upper[axis] + AROUND_M)
-        rows = np.flatnonzero(about)
+        corners = self.volume.lower[:2] - AROUND_M, self.volume.upper[:2] + AROUND_M
+        rows = np.flatnonzero(within(places[:2].T, *corners))
         return places[:2].take(rows, axis=1), heights.take(rows)
 
     def rays(self, height: float, band: float) -> tuple[Array, Array, Array]:
@@ -199,17 +197,17 @@ class _Sight:
 
 def _spread(image: _AnyImage, reach: int) -> _AnyImage:
     """(nx, ny) the greatest value within the square of so many pixels to each side."""
-    result, done = image.copy(), 0
     for axis in range(2):
-        along, done = np.moveaxis(result, axis, 0), 0
+        done = 0
         while done < reach:
             # what is known of 2 done + 1 pixels is so of three times as many
             step = min(2 * done + 1, reach - done)
-            known = along.copy(order="K")
+            known, image = image.swapaxes(0, axis), image.copy()
+            along = image.swapaxes(0, axis)
             np.maximum(along[step:], known[:-step], out=along[step:])
             np.maximum(along[:-step], known[step:], out=along[:-step])
             done += step
-    return result
+    return image
 
 
 def _with_corners(gap: Field, narrow: float) -> Field:
@@ -225,7 +223,7 @@ def _with_corners(gap: Field, narrow: float) -> Field:
     for rim in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         hole[rim] = False
     deep = np.float32(CORNER) * np.minimum(gap, np.float32(narrow))
-    return np.where(hole[labels], gap + deep, gap)
+    return np.where(hole.take(labels), gap + deep, gap)
 
 
 class HeldPixels(NamedTuple):
@@ -273,6 +271,13 @@ class Raster:
         image = np.full(self.shape, empty)
         image.reshape(-1)[pixels] = values
         return image
+
+    def images(self, pixels: Rows, values: Sequence[Array]) -> Array:
+        """(k, nx, ny) k values (m,) of the pixels, and 0 in the others."""
+        images = np.zeros((len(values), *self.shape))
+        for image, each in zip(images.reshape(len(values), -1), values, strict=True):
+            image[pixels] = each
+        return images
 
     def width(self, side: float) -> int:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
@@ -324,7 +329,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     risen = _spread(raster.image(things.pixels, True, np.False_), foot)
     to_point, who = raster.nearest(np.vstack([measured.means, things.means]))
     of_foot = risen.take(measured.pixels)
-    of_thing = np.append(of_foot, np.ones(len(things.pixels), np.bool_))[who]
+    of_thing = np.append(of_foot, np.ones(len(things.pixels), np.bool_)).take(who)
     widest = widest_empty_disc(to_point, WIDEST_M / pixel + 1.0)
     chance = _chance_radius(raster, widest, measured)
     rays, whole = _seen_through(raster, to_point, *cloud.rays(height, band))
@@ -356,7 +361,7 @@ def _make_layer(cloud: SlopeCloud, height: float, tolerance: float) -> Layer | N
     # within the widest disc, and beyond things' feet, something was measured
     far = 2 * (math.ceil(float(radius.max())) + foot) + 1
     widths = raster.width(averaged), far
-    images = np.stack([raster.image(measured.pixels, each) for each in sums])
+    images = raster.images(measured.pixels, sums)
     surface = _surface_heights(images, noise, widths, inside > -2.0)
     return Layer(
         height,
@@ -474,8 +479,7 @@ def _surface_heights(images: Array, noise: float, widths: tuple[int, int], neede
 def _highest_points(raster: Raster, measured: HeldPixels, top: Array, noise: float) -> Field:
     """(nx, ny) m, the highest point under what touches there, of the highest in each pixel."""
     if noise > 0.0:  # single points say nothing
-        both = (measured.number, measured.total)
-        images = np.stack([raster.image(measured.pixels, each) for each in both])
+        images = raster.images(measured.pixels, (measured.number, measured.total))
         many, total = window_sums(images, raster.width(TOP_WINDOW_M))
         top = np.where(many > FEWEST_ON_TOP - 0.5, total / np.maximum(many, 1.0), -np.inf)
     # what lies within a coarse pixel beside a point that touches is under the object

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.boxes import within
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.denoising import PLANE_POINTS
 from placement_planner_ros.core.scene.grid import SKIN_M, ObstacleSet
@@ -211,8 +212,7 @@ def _find_planes(
         obstacles.arrays, obstacles.points, obstacles.first_point, headroom, tolerance
     )
     around = np.array([AROUND_M, AROUND_M, CLEAR_M])
-    near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
-    used = np.asarray(near & free)
+    used = within(means, volume.lower - around, volume.upper + around) & free
     fits = _local_fits(obstacles.arrays, means, used, max(_SHEET, tolerance))
     # planes grow from where the fit is best
     order = np.argsort(fits[:, 3], kind="stable")
@@ -355,7 +355,7 @@ def _local_fits(
                         far = _STEEPEST * math.sqrt(away[1] ** 2 + away[2] ** 2) + tolerance
                         if used[q] and abs(away[3]) <= far:
                             for a in range(4):
-                                for b in range(4):
+                                for b in range(a, 4):  # the others are the same
                                     moments[a, b] += away[a] * away[b]
                         q = boxes.next[q]
         # the plane through enough of them that is not too steep

@@ -51,40 +51,47 @@ MOST_PIXELS = 60_000
 
 
 @njit(cache=True, nogil=True)
-def _hand_to_rows(fields: Field, near: Field, who: Index, rows: Mask, columns: Mask) -> None:
+def _hand_to_rows(
+    fields: Field, axis: int, near: Field, who: Index, rows: Mask, columns: Mask
+) -> None:
     """Hand the nearest on from each row to the next, there and back: to all pixels that lie more
     along the first axis than across it.
 
     Args:
         fields: (n + 1, 4) as `hand_on_nearest` has elements; the last stands for none.
+        axis: which of their fields is along the first axis, 0 or 1.
         near, who: (nx, ny) updated.
         rows, columns: (nx,) and (ny,) in which something has changed, updated: a row is looked at
             if it is one of these, or the row before is.
     """
     nx, ny = who.shape
-    # of the row before, with none at either end: which is nearest, and its fields
-    number, line = np.full(ny + 3, np.int32(-1)), np.full((4, ny + 2), np.inf, np.float32)
+    # fields of the nearest of the row before, with none at either end
+    line = np.full((4, ny + 2), np.float32(np.inf))
     line[2:] = 0.0
+    along, across, above, weights = line[0, 1:-1], line[1, 1:-1], line[2, 1:-1], line[3, 1:-1]
     away, chosen = np.empty((3, ny), np.float32), np.empty(ny, np.int32)
+    place = np.arange(ny).astype(np.float32)
     for sweep in range(2):
         for row in range(1, nx):
             i, m = (row, row - 1) if sweep == 0 else (nx - 1 - row, nx - row)
             if not (rows[i] or rows[m]):
                 continue
+            before, mine, own = who[m], who[i], near[i]
             for j in range(ny):
-                k = number[j + 1] = who[m, j]
-                for a in range(4):
-                    line[a, j + 1] = fields[k, a]
+                k = before[j]
+                along[j], across[j] = fields[k, axis], fields[k, 1 - axis]
+                above[j], weights[j] = fields[k, 2], fields[k, 3]
             # how far away the three beside in the row before are: many at once, as what follows
             for beside in range(3):
                 x, y = line[0, beside : beside + ny], line[1, beside : beside + ny]
                 up, weight = line[2, beside : beside + ny], line[3, beside : beside + ny]
                 to, at = away[beside], np.float32(i)
                 for j in range(ny):
-                    dx, dy = x[j] - at, y[j] - np.float32(j)
+                    dx, dy = x[j] - at, y[j] - place[j]
                     to[j] = math.sqrt(dx * dx + dy * dy + up[j]) - weight[j]
             # which of them, or else its own, is the nearest
-            left, ahead, right, own, mine = away[0], away[1], away[2], near[i], who[i]
+            left, ahead, right = away[0], away[1], away[2]
+            fewest = np.int32(3)
             for j in range(ny):
                 least, best = own[j], np.int32(3)
                 best = np.int32(1) if ahead[j] < least else best
@@ -92,16 +99,13 @@ def _hand_to_rows(fields: Field, near: Field, who: Index, rows: Mask, columns: M
                 best = np.int32(0) if left[j] < least else best
                 least = left[j] if left[j] < least else least
                 chosen[j] = np.int32(2) if right[j] < least else best
-            moved = False
-            for j in range(ny):
-                own[j] = min(min(ahead[j], own[j]), min(left[j], right[j]))
-                moved = moved or chosen[j] < 3
-            if moved:
+                own[j] = right[j] if right[j] < least else least
+                fewest = min(fewest, chosen[j])
+            if fewest < 3:
                 rows[i] = True
                 for j in range(ny):
-                    columns[j] = columns[j] or chosen[j] < 3
-                    other = number[j + chosen[j]]
-                    mine[j] = other if chosen[j] < 3 else mine[j]
+                    if chosen[j] < 3:
+                        columns[j], mine[j] = True, before[j + chosen[j] - 1]
 
 
 @njit(cache=True, nogil=True)
@@ -144,13 +148,11 @@ def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) ->
             rows[i] = columns[j] = True
     if not rows.any():
         return
-    _hand_to_rows(fields, near, who, rows, columns)
+    _hand_to_rows(fields, 0, near, who, rows, columns)
     # the same with the axes exchanged
     near_across, who_across = np.empty((ny, nx), np.float32), np.empty((ny, nx), np.int32)
     near_across[:], who_across[:] = near.T, who.T
-    exchanged = fields.copy()
-    exchanged[:, 0], exchanged[:, 1] = fields[:, 1], fields[:, 0]
-    _hand_to_rows(exchanged, near_across, who_across, columns, rows)
+    _hand_to_rows(fields, 1, near_across, who_across, columns, rows)
     near[:], who[:] = near_across.T, who_across.T
 
 
@@ -171,13 +173,17 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
             if radius < 1.0:
                 continue  # it covers no other
             # what lies in a neighbour's disc is covered by that one; far out only the rim counts
-            covered, rim = False, radius < most
+            needed = radius < most
             for m in range(max(i - 1, 0), min(i + 2, nx)):
                 for n in range(max(j - 1, 0), min(j + 2, ny)):
-                    apart = (np.inf, 1.0, aslant)[abs(m - i) + abs(n - j)]
-                    covered = covered or radius + apart - NEAR_CONTAINED <= distance[m, n]
-                    rim = rim or distance[m, n] < most
-            if not rim or (covered and radius < most):
+                    if radius < most:
+                        apart = (np.inf, 1.0, aslant)[abs(m - i) + abs(n - j)]
+                        needed = needed and radius + apart - NEAR_CONTAINED > distance[m, n]
+                    else:
+                        needed = needed or distance[m, n] < most
+                if not needed and radius < most:
+                    break
+            if not needed:
                 continue
             # all pixels that this disc covers
             radius = min(radius, most)

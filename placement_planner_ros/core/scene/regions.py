@@ -269,7 +269,9 @@ def _mask_rectangles(mask: Mask) -> npt.NDArray[np.int64]:
     rows = np.flatnonzero(np.append(True, (mask[1:] != mask[:-1]).any(axis=1)))
     last = np.append(rows[1:], len(mask))
     # where runs of pixels begin and end in each of these rows, in the same order
-    steps = np.diff(mask[rows].astype(np.int8), axis=1, prepend=0, append=0)
+    steps = np.zeros((len(rows), mask.shape[1] + 1), np.int8)
+    steps[:, :-1] = mask[rows]
+    steps[:, 1:] -= mask[rows]
     (row, low), high = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
     return np.column_stack([rows[row], low, last[row], high])
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.boxes import within
 from placement_planner_ros.core.scene.cloud import SURE_NOISES
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layers
 from placement_planner_ros.core.scene.rasters import MOST_HEIGHTS, TILE_M, Field, Index
@@ -128,8 +129,7 @@ class SupportMap:
         """
         inside = np.zeros(len(self.tops), np.bool_)
         for lower, upper in volume.boxes:
-            near = (self.tops[:, :2] >= lower[:2] - beside).all(axis=1)
-            near &= (self.tops[:, :2] <= upper[:2] + beside).all(axis=1)
+            near = within(self.tops[:, :2], lower[:2] - beside, upper[:2] + beside)
             # of a plane that slopes, what lies within V at the place that is nearest
             at = np.clip(self.tops[:, :2], lower[:2], upper[:2])
             z = self.tops[:, 2] + at @ np.array(self.slope)
