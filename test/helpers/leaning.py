@@ -71,13 +71,10 @@ def leaning_poses(contact, rng, most, tries=300):
     found = []
     if not contact.regions:
         return found
-    open_ = {
-        region: [k for k in range(len(contact.frames)) if contact.ranges(k, region)]
-        for region in contact.regions
-    }
     for _ in range(tries):
         region = contact.regions[rng.integers(len(contact.regions))]
-        feature = np.array([rng.choice(open_[region])])
+        open_ = [k for k in range(len(contact.frames)) if contact.ranges(k, region)]
+        feature = np.array([rng.choice(open_)])
         T = contact.poses(feature, region.sample(rng)[None], np.zeros(1), None)
         if contact.stable(T, feature, LEVEL)[0] and contact.held(T, feature)[0]:
             heights = np.array([region.z])

@@ -125,6 +125,17 @@ def test_upright_against_the_wall_it_would_fall_away_from_it():
     assert not stays(floor, wall, 0.0, center, 0.5, 0.05)
 
 
+def test_however_rough_the_floor_nothing_leans_so_far_that_its_foot_is_thrown_out():
+    """A board of more than 45 degrees that falls against the wall by 2 mm may come to lie."""
+    rough = replace(SITUATIONS[1], settings={"friction": 1.0})
+    contact = rough.contact(rough.environment("complete", np.random.default_rng(1)))
+    for feature, (_, reach) in enumerate(contact._features):
+        wall = contact._wall(feature)
+        foot = (wall.offset + reach.farthest) * wall.normal
+        T = contact.poses(np.array([feature]), foot[None], np.zeros(1), None)[0]
+        assert T[2, 3] - foot[2] > np.linalg.norm(T[:2, 3] - foot[:2])
+
+
 @pytest.fixture(scope="module")
 def leaning():
     """A crayons box that the robot leans on the back wall of the cabinet, with what was asked."""
