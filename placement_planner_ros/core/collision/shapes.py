@@ -66,9 +66,9 @@ class Shape:
 
 
 @lru_cache(maxsize=4096)
-def _convex_hull(data: bytes, radius: float) -> ConvexSet:
+def _convex_hull(data: bytes, radius: float) -> Shape:
     """The hull of vertices, dilated by a radius, metres: the same for copies of a robot."""
-    return ConvexSet.of(polytope_of(np.frombuffer(data).reshape(-1, 3)), radius)
+    return Shape((ConvexSet.of(polytope_of(np.frombuffer(data).reshape(-1, 3)), radius),))
 
 
 def mesh_shape(mesh: CoveredMesh) -> Shape:
@@ -168,7 +168,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
     try:
-        return Shape((_convex_hull(vertices.tobytes(), radius),))
+        return _convex_hull(vertices.tobytes(), radius)
     except (QhullError, ValueError) as error:
         raise RobotError(
             f"collision geometry of {name}",

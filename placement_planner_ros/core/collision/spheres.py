@@ -61,9 +61,8 @@ def shape_rows(shape: Shape, excess: float) -> SolidRows:
     return replace(rows, sets=covering, meshes=(shape.mesh,), mesh_frames=np.eye(4)[None])
 
 
-@weak_lru_cache("body", maxsize=2)
 def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> tuple[SolidRows, Array]:
-    """The rows of a body, and a ball (4,) around it; links are the same for each grasp and object.
+    """The rows of a body, and a ball (4,) around it.
 
     Args:
         T_joint_world: (4, 4) of the body's joint, with all joints at zero.
@@ -72,10 +71,23 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> tuple
     """
     step(f"covering {body.name} with spheres")
     T = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
-    excess = excess if body.joint >= 0 else 10 * excess
-    rows = SolidRows.joined(
-        [shape_rows(shape, excess).moved(T * T_part) for shape, T_part in body.parts]
-    )
+    (first, at), *others = [
+        (shape, (T * T_part).homogeneous.tobytes()) for shape, T_part in body.parts
+    ]
+    return _placed_rows(first, at, tuple(others), excess if body.joint >= 0 else 10 * excess)
+
+
+@weak_lru_cache("shape", maxsize=4)
+def _placed_rows(
+    shape: Shape, at: bytes, others: tuple[tuple[Shape, bytes], ...], excess: float
+) -> tuple[SolidRows, Array]:
+    """The rows of shapes, each (4, 4) there, and a ball (4,) around all: the same for each object
+    and grasp of it, whether the hand is open or not."""
+    placed = [
+        shape_rows(each, excess).moved(pin.SE3(np.frombuffer(T).reshape(4, 4)))
+        for each, T in ((shape, at), *others)
+    ]
+    rows = SolidRows.joined(placed)
     return rows, rows.ball()
 
 
