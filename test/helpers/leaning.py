@@ -162,7 +162,7 @@ def situations(seed):
         LeanSituation("much asked", False, tray(), plain, {"stability_margin": draw(0.3, 0.5)}),
         LeanSituation("bottle", False, bottle, plain),
         LeanSituation(
-            "plate", False, trimesh.creation.cylinder(0.1, draw(0.01, 0.02), sections=64), plain
+            "plate", False, trimesh.creation.cylinder(0.1, draw(0.006, 0.01), sections=48), plain
         ),
         LeanSituation("low wall", False, tray(), (_floor(), _wall(height=draw(0.03, 0.06)))),
         LeanSituation("no wall", False, book(), (_floor(),)),

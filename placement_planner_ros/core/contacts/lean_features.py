@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -143,11 +143,12 @@ class Reaches:
         may &= keeps_its_foot(*planar)
         rows = np.flatnonzero(binary_erosion(may, np.ones(2 * off + 1)))
         passed = bool(upright.any()), bool(high.any()), len(rows) > 0
-        self.lack = max(self.lack, Lack(sum(passed)))
+        curable = len(rows) == 0
         # It does at some of these distances.
         for row in rows[[len(rows) // 2, 0, -1]] if len(rows) else rows:
             floor = corners[row][corners[row][:, 2] <= corners[row][:, 2].min() + TOUCHING_M]
-            if is_held(floor, corners[row][against[row]], tilt, centers[row], footing):
+            touching = floor, corners[row][against[row]], tilt, centers[row]
+            if is_held(*touching, footing):
                 ends = rows[[0, -1]]
                 away = distances[ends] + centers[ends, 0]
                 return Reach(
@@ -158,6 +159,9 @@ class Reaches:
                     half=float(np.abs(corners[row][against[row], 1]).max()),
                     center=(float(away[0]), float(away[1]), float(centers[row, 1])),
                 )
+            # what tilted gravity alone takes over the ends of the edge no setting holds
+            curable = curable or is_held(*touching, replace(footing, stability_margin=0.0))
+        self.lack = max(self.lack, Lack(sum(passed)) if curable else Lack.LONG_EDGE)
         return None
 
 
