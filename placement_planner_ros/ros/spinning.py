@@ -121,12 +121,12 @@ def spin_until(
     asked: threading.Event,
     on_error: Callable[[BaseException], None] | None = None,
 ) -> None:
-    """Spin until that event is set.
+    """Spin until that event is set, or ROS is shut down.
 
     Args:
         on_error: told of what a callback raises; without it, that ends the spinning.
     """
-    while not asked.is_set():
+    while executor.context.ok() and not asked.is_set():
         if on_error is None:
             executor.spin_once(timeout_sec=LOOK_S)
         else:
