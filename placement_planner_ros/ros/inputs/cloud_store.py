@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.point_cloud import MAX_POINTS
+from placement_planner_ros.ros.inputs.point_cloud import MAX_POINTS, some_of
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
@@ -132,7 +132,9 @@ class CloudStore:
         # compared without the lock, as that takes a while
         same = before is not None and before.eye == cloud.eye
         if before is not None and same:
-            same = np.array_equal(before.points, cloud.points)
+            # most that are others differ everywhere
+            same = np.array_equal(some_of(before.points), some_of(cloud.points))
+            same = same and np.array_equal(before.points, cloud.points)
             cloud = replace(cloud, points=before.points) if same else cloud
         with self._lock:
             # several threads take clouds, so an older one may come through later
