@@ -143,8 +143,7 @@ def test_a_search_that_is_exhausted_says_by_what(bench):
         planner = started(b)
         planner.exhausted, planner.cause = "there is nothing", cause
         planner.done.set()
-        code = "NO_SOLUTION" if cause is None else cause.value
-        assert ended(b, run, "exhausted")["code"] == code
+        assert ended(b, run, "exhausted")["code"] == (cause or "NO_SOLUTION")
 
 
 def test_an_end_with_a_solution_is_ok_and_one_without_is_not(bench):
@@ -154,8 +153,7 @@ def test_an_end_with_a_solution_is_ok_and_one_without_is_not(bench):
         planner.offers += offers
         b.wait(lambda offers=offers: b.manifests()[-1]["solution"] == str(len(offers)))
         assert b.call("stop").code == "OK"
-        code = "OK" if offers else "NO_SOLUTION"
-        assert ended(b, number + 1, "stopped")["code"] == code
+        assert ended(b, number + 1, "stopped")["code"] == ("OK" if offers else "NO_SOLUTION")
     planner = started(b)
     planner.offers.append(0.1)
     planner.cause = Cause.UNSUPPORTED
