@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
@@ -15,7 +14,7 @@ from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.keep_out import inside
-from placement_planner_ros.core.types import LEVEL, Array, Contact, Slope, Verdict
+from placement_planner_ros.core.types import LEVEL, Array, Contact, Index, Mask, Slope, Verdict
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
 
@@ -87,7 +86,7 @@ class PoseConstraints:
         slope = np.array([contact.slope])
         return Verdict(self._judged(T, feature, reference[None], slope, np.zeros(1))[0])
 
-    def _in_a_box(self, T: Array) -> npt.NDArray[np.bool_]:
+    def _in_a_box(self, T: Array) -> Mask:
         """(n,) whether any piece of the body at poses (n, 4, 4) begins in a box to keep out of.
 
         What meets no side of a box is wholly inside or outside.
@@ -108,12 +107,12 @@ class PoseConstraints:
 
     def verdicts(
         self,
-        faces: npt.NDArray[np.int64],
+        faces: Index,
         contacts: Array,
         angles: Array,
         slopes: Array | None = None,
         lacking: Array | None = None,
-    ) -> tuple[npt.NDArray[np.int64], Array]:
+    ) -> tuple[Index, Array]:
         """Poses with these reference points, and `verdict` of each.
 
         Args:
@@ -135,11 +134,11 @@ class PoseConstraints:
     def _judged(
         self,
         T: Array,
-        faces: npt.NDArray[np.int64],
+        faces: Index,
         contacts: Array,
         slopes: Array,
         lacking: Array,
-    ) -> npt.NDArray[np.int64]:
+    ) -> Index:
         """(n,) verdicts of poses T (n, 4, 4) with these reference points, see `verdicts`."""
         # In V lie the reference points, and horizontally the centres of mass.
         centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
@@ -157,11 +156,11 @@ class PoseConstraints:
     def _judge(
         self,
         T: Array,
-        faces: npt.NDArray[np.int64],
+        faces: Index,
         heights: Array,
-        rows: npt.NDArray[np.int64],
+        rows: Index,
         slope: Slope,
-        result: npt.NDArray[np.int64],
+        result: Index,
         lacking: Array,
     ) -> None:
         """Write the verdicts of those rows of poses T (n, 4, 4) in V that stand on one slope, and

@@ -13,7 +13,7 @@ from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.scene.clearance import CAP
+from placement_planner_ros.core.scene.clearance_table import CAP
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.types import Array, TargetVolume

@@ -18,6 +18,11 @@ from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.errors import VolumeError
 
 Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+"""Rows, numbers of things, labels."""
+Index32 = npt.NDArray[np.int32]
+"""The same, where there are many."""
+Mask = npt.NDArray[np.bool_]
 
 FULL_TURN = 2.0 * math.pi
 """rad."""
@@ -51,6 +56,13 @@ def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) ->
         or any(s not in (-1, d) for s, d in zip(shape, array.shape, strict=True))
     ):
         raise ValueError(f"expected shape {shape}, got {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+def frozen_integers(values: npt.ArrayLike) -> Index:
+    """Copy `values` to a read-only int64 array."""
+    array = np.array(values, dtype=np.int64)
     array.setflags(write=False)
     return array
 
@@ -192,7 +204,7 @@ class TargetVolume:
         corners = flat.reshape(-1, 2, 3)
         return cls(corners[:, 0], corners[:, 1])
 
-    def contains(self, points: Array) -> npt.NDArray[np.bool_]:
+    def contains(self, points: Array) -> Mask:
         """Which of the (n, 3) points lie in V."""
         points = np.asarray(points)[..., None, :]
         inside = (points >= self.boxes[:, 0]) & (points <= self.boxes[:, 1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.shapes import ConvexSet, link_shapes
@@ -13,7 +12,7 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
-from placement_planner_ros.core.types import Array, Trajectory
+from placement_planner_ros.core.types import Array, Index, Trajectory
 
 SPACING_M = 0.02
 """m between the points that stand for what moves, and that they move from look to look."""
@@ -41,7 +40,7 @@ def unseen_share(
     own = _moving_points(robot, arm)
     tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
     in_joint = held @ tip.placement.rotation.T + tip.placement.translation
-    began: npt.NDArray[np.int64] | None = None
+    began: Index | None = None
     unseen = length = 0.0
     for path, q, points in (
         (to, q_start, [*own, (tip.parentJoint, in_joint)]),
@@ -119,7 +118,7 @@ def _thinned(points: Array) -> Array:
     return np.asarray(points[np.unique(_blocks(points), return_index=True)[1]])
 
 
-def _blocks(points: Array) -> npt.NDArray[np.int64]:
+def _blocks(points: Array) -> Index:
     """(n,) numbers of the blocks, as wide as the spacing, that points (n, 3) lie in."""
     i, j, k = np.floor(points / SPACING_M).astype(np.int64).T + (1 << 20)
     return np.asarray((i << 42) | (j << 21) | k)

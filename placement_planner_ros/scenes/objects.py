@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import Array, Index, frozen_array, frozen_integers
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, frustum
 
 PALM = 0.098
@@ -41,7 +41,7 @@ class GraspedObject:
 
     name: str
     vertices: Array
-    triangles: npt.NDArray[np.int64]
+    triangles: Index
     center_of_mass: Array
     grasps: Mapping[str, tuple[pin.SE3, ...]]
     finger_opening: float
@@ -81,11 +81,10 @@ def of_solids(
     # triangles count vertices on from those of the solids before
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     triangles = np.vstack([part.triangles + k for part, k in zip(parts, first, strict=False)])
-    triangles.setflags(write=False)
     return GraspedObject(
         name=name,
         vertices=frozen_array(np.vstack([part.vertices for part in parts])),
-        triangles=triangles,
+        triangles=frozen_integers(triangles),
         center_of_mass=frozen_array(center_of_mass, (3,)),
         grasps={"left": tuple(grasps), "right": tuple(grasps)},
         finger_opening=finger_opening,

@@ -7,17 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
 from placement_planner_ros.core.robot.xml_fields import read_floats, read_origin
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 FindFile = Callable[[str], Path]
 """The file that a mesh's URI names. Raises an OSError where there is none."""
-Surface = tuple[Array, npt.NDArray[np.int64]]
+Surface = tuple[Array, Index]
 """Vertices (n, 3), metres, and triangles (t, 3)."""
 
 

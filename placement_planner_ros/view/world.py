@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.meshes.read import UNREADABLE, read_mesh
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 from placement_planner_ros.playback import pose_of_numbers
 from placement_planner_ros.ros.inputs.mesh_message import mesh_from_lists, mesh_from_message
 from placement_planner_ros.ros.inputs.resources import Files, description_text
@@ -190,7 +189,7 @@ class World:
         return self._transform(self.frame, frame) if T is None and frame and self.frame else T
 
 
-def _scaled(vertices: Array, triangles: npt.NDArray[np.int64], scale: float) -> Surface:
+def _scaled(vertices: Array, triangles: Index, scale: float) -> Surface:
     """Vertices in metres.
 
     Raises:

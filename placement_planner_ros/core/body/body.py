@@ -8,12 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.convex_part import (
-    ConvexPart,
-    hull_if_convex,
-    polytope_of,
-    read_only,
-)
+from placement_planner_ros.core.body.convex_part import ConvexPart, hull_if_convex, polytope_of
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, kept_cover
 from placement_planner_ros.core.body.mesh import MAX_PIECES, checked_center, checked_mesh
 from placement_planner_ros.core.body.mesh_components import Components, Triangles, equal_rows
@@ -21,7 +16,7 @@ from placement_planner_ros.core.body.placement_face import PlacementFace, placem
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array, frozen_integers
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -152,7 +147,7 @@ class Body:
             volume_points=frozen_array(volume_points(solids, sheets, hull, settings)),
             center_of_mass=frozen_array(center),
             vertices=frozen_array(points),
-            triangles=read_only(faces),
+            triangles=frozen_integers(faces),
             warnings=tuple(warnings),
             rolling=len(found) - len(kept),
             assumed=(

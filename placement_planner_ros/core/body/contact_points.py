@@ -10,8 +10,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh_cells import surface_points
 from placement_planner_ros.core.body.mesh_components import equal_rows
 from placement_planner_ros.core.body.placement_face import PlacementFace, outermost_rows
-from placement_planner_ros.core.body.tipping import Index
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Index
 
 SPACING_M = 0.005
 """m, what touches has a contact point in each square of this side, or of a larger one ..."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.body.mesh_components import Triangles, equal_rows
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, frozen_array, frozen_integers
 
 SHEET_M = 1e-3
 """m that sheets are taken to be thick; dents less deep do not count."""
@@ -59,17 +58,10 @@ def polytope_of(points: Array) -> ConvexPart:
     planes = hull.equations[np.sort(equal_rows(hull.equations.round(7))[0])]
     return ConvexPart(
         frozen_array(vertices),
-        read_only(triangles),
+        frozen_integers(triangles),
         frozen_array(planes[:, :3]),
         frozen_array(-planes[:, 3]),
     )
-
-
-def read_only(triangles: npt.ArrayLike) -> Triangles:
-    """A copy of triangles (t, 3) that nobody changes."""
-    array = np.array(triangles, dtype=np.int64)
-    array.setflags(write=False)
-    return array
 
 
 def hull_if_convex(corners: Array) -> ConvexPart | None:

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, cover_tolerance
-from placement_planner_ros.core.body.convex_part import read_only
 from placement_planner_ros.core.body.mesh_components import Triangles
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import Array, frozen_array, frozen_integers
 
 CoverMaker = Callable[[Array, Triangles], Cover]
 """Makes the cover of vertices (n, 3) and triangles (t, 3)."""
@@ -32,7 +31,7 @@ class CoveredMesh:
     @classmethod
     def of(cls, vertices: Array, triangles: Triangles, make: CoverMaker) -> CoveredMesh:
         """With the cover that is made of it."""
-        return cls(frozen_array(vertices), read_only(triangles), make(vertices, triangles))
+        return cls(frozen_array(vertices), frozen_integers(triangles), make(vertices, triangles))
 
     @property
     def coarse_in_words(self) -> str:

@@ -10,14 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy import ndimage
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
-from placement_planner_ros.core.types import Array
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import Array, Index, Mask
 
 MAX_CELLS = 10_000_000
 """Cells around a mesh: 0.2 GB; a tenth as many points of triangles are made at once."""
@@ -116,7 +113,7 @@ class MeshCells:
         apart = ndimage.distance_transform_edt(free, sampling=self.cell)
         self._distance = (apart + np.sqrt(3.0) * self.cell).astype(np.float32)
 
-    def cells_of(self, points: Array) -> tuple[npt.NDArray[np.int64], ...]:
+    def cells_of(self, points: Array) -> tuple[Index, ...]:
         """(n,) each, the cells of points (n, 3) along every axis."""
         return tuple(((points - self.low) / self.cell).astype(np.int64).T)
 

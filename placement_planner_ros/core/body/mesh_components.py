@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Index, Mask
 
-Triangles = npt.NDArray[np.int64]
-Labels = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+Triangles = Index
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +29,7 @@ class Components:
     """
 
     corners: Array
-    label: Labels
+    label: Index
     closed: Mask
 
     @classmethod
@@ -75,14 +72,14 @@ class Components:
         return np.split(self.corners[order], first)
 
 
-def equal_rows(rows: Array | Triangles) -> tuple[Labels, Labels]:
+def equal_rows(rows: Array | Triangles) -> tuple[Index, Index]:
     """Rows of (n, k) numbers that are equal: the first of each kind (m,), kinds in the order of
     their numbers, and the kind of each row (n,)."""
     _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first, kind.ravel()  # some versions of numpy have it (n, 1)
 
 
-def connected_labels(ends: Labels, others: Labels, count: int) -> Labels:
+def connected_labels(ends: Index, others: Index, count: int) -> Index:
     """(count,) the same number for all nodes that edges between ends and others (e,) connect."""
     graph = coo_array((np.ones(len(ends), np.int8), (ends, others)), (count, count))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
@@ -93,13 +90,13 @@ def volumes_under(corners: Array) -> Array:
     return np.asarray(np.linalg.det(corners) / 6.0)
 
 
-def _edges_of(faces: Triangles) -> tuple[Labels, Labels]:
+def _edges_of(faces: Triangles) -> tuple[Index, Index]:
     """(3 t,) the edge that each side of triangles (t, 3) is, and 1 or -1, its way along it."""
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     return equal_rows(np.sort(sides, axis=1))[1], np.sign(sides[:, 1] - sides[:, 0])
 
 
-def _closed_components(faces: Triangles, label: Labels) -> Mask:
+def _closed_components(faces: Triangles, label: Index) -> Mask:
     """(k,) components whose edges have as many triangles one way as the other."""
     edge, way = _edges_of(faces)
     surplus = np.bincount(edge, way)[edge].reshape(-1, 3)

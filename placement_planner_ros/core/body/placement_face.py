@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.body.stable_poses import TIPPING_RISE_M, stable_poses
-from placement_planner_ros.core.body.tipping import Index, Tipping
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.body.tipping import Tipping
+from placement_planner_ros.core.types import Array, Index, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

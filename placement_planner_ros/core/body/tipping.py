@@ -11,16 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.body.mesh_components import connected_labels
-from placement_planner_ros.core.types import Array
-
-Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import Array, Index, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.mesh_cells import MAX_CELLS, surface_points
 from placement_planner_ros.core.body.mesh_components import volumes_under
 from placement_planner_ros.core.body.settings import BodySettings
-from placement_planner_ros.core.types import Array
-
-Numbers = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import Array, Index, Index32
 
 
 def volume_points(solids: Array, sheets: Array, hull: ConvexPart, settings: BodySettings) -> Array:
@@ -60,9 +57,7 @@ def center_of_union(solids: Array, hull: ConvexPart, size: float) -> Array:
         return np.asarray(middle + moment / (volumes.sum() + more.sum()))
 
 
-def winding_numbers(
-    solids: Array, hull: ConvexPart, size: float
-) -> tuple[Array, float, npt.NDArray[np.int32]]:
+def winding_numbers(solids: Array, hull: ConvexPart, size: float) -> tuple[Array, float, Index32]:
     """How often closed surfaces (s, 3, 3) go around each point of a grid over the hull.
 
     Its first point (3,); how far they are apart, metres: more than `size` where they would be more
@@ -77,9 +72,7 @@ def winding_numbers(
 
 
 @njit(cache=True, nogil=True)
-def _winding_changes(
-    triangles: Array, start: Array, count: Numbers, size: float
-) -> npt.NDArray[np.int32]:
+def _winding_changes(triangles: Array, start: Array, count: Index, size: float) -> Index32:
     """(nx, ny, nz + 1) how the winding number changes along z from each grid point to the one
     above, by the crossings of lines through them."""
     nx, ny, nz = count[0], count[1], count[2]

@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 from numba import njit
 
-from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.reach.kinematics import chain_frames
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 _AIM_SHARE = 0.7
@@ -43,7 +43,7 @@ class TiltedChain(NamedTuple):
 
     fixed: Array
     """(n + 1, 4, 4) and `prismatic` (n,): of `kinematics.Chain`, as are the limits (n,)."""
-    prismatic: Flags
+    prismatic: Mask
     lower: Array
     upper: Array
     up: Array
@@ -54,9 +54,7 @@ class TiltedChain(NamedTuple):
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _tilt_and_slopes(
-    prismatic: Flags, up: Array, frames: Array, work: Array
-) -> tuple[float, float]:
+def _tilt_and_slopes(prismatic: Mask, up: Array, frames: Array, work: Array) -> tuple[float, float]:
     """cos and sin of the tilt at frames of `chain_frames`; work[0] = ∂c/∂q, [1] = h, [2] = k."""
     # The axis in the world.
     tip = frames[-1]
@@ -79,7 +77,7 @@ def _tilt_and_slopes(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
+def _second_order_bound(delta: Array, prismatic: Mask, work: Array) -> float:
     """Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i), with what `_tilt_and_slopes` filled in."""
     # k_j from the outermost joint inward.
     dof = len(prismatic)

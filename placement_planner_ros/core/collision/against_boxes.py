@@ -20,7 +20,7 @@ from placement_planner_ros.core.collision.placed_meshes import mesh_keeps_box
 from placement_planner_ros.core.collision.placing import place_set
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.reach.kinematics import to_world
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index32
 from placement_planner_ros.core.uncounted import Uncounted
 
 SET_MOTION_M = 0.02
@@ -43,12 +43,12 @@ class BoxArrays(NamedTuple):
     """The obstacle set for the kernels: m boxes, each within its cell."""
 
     number: int
-    columns: npt.NDArray[np.int32]
+    columns: Index32
     """(nx, ny + 1): the boxes of the column of cells i, j are columns[i, j] to columns[i, j + 1].
 
     A few hundred kilobytes, where an index of all cells would be too much for the caches.
     """
-    layers: npt.NDArray[np.int32]
+    layers: Index32
     """(m,) cell of each box along z, ascending within a column."""
     corners: Array
     """(m, 6) lower then upper."""

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
@@ -42,7 +41,7 @@ from placement_planner_ros.core.robot.arm import Arm, MovingArm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, kernel_input
+from placement_planner_ros.core.types import Array, Mask, kernel_input
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 HELD_OBJECT = "the held object"
@@ -187,9 +186,7 @@ class ArmCollision:
         """
         return bool(self.free_batch(q, reserve, contact)[0])
 
-    def free_batch(
-        self, Q: Array, reserve: float = 0.0, contact: bool = False
-    ) -> npt.NDArray[np.bool_]:
+    def free_batch(self, Q: Array, reserve: float = 0.0, contact: bool = False) -> Mask:
         """`free` for (n, dof) configurations."""
         answers = self._keep(Q, self._margins(reserve, contact))
         if contact and self._aside is not None:
@@ -204,7 +201,7 @@ class ArmCollision:
         self_margin += self.settings.self_resolution
         return bool(self._keep(q, KeptMargins(margin, self_margin, contact))[0])
 
-    def _keep(self, Q: Array, kept: KeptMargins) -> npt.NDArray[np.bool_]:
+    def _keep(self, Q: Array, kept: KeptMargins) -> Mask:
         """(n,) which of (n, dof) configurations keep these margins."""
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.bool_)

@@ -22,10 +22,7 @@ from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows
 from placement_planner_ros.core.collision.spheres import body_rows
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.types import Array
-
-Indices = npt.NDArray[np.int64]
-
+from placement_planner_ros.core.types import Array, Index, Mask
 
 BODY_JOINT, BODY_FIRST_SET = 0, 1
 NODE_SKIP, NODE_SET = 0, 1
@@ -53,35 +50,35 @@ class ArmArrays(NamedTuple):
 
     fixed: Array
     """(n + 1, 4, 4) and `prismatic` (n,): of `kinematics.Chain`."""
-    prismatic: npt.NDArray[np.bool_]
+    prismatic: Mask
     moving: int
     """How many of the bodies, the first, the arm moves."""
     held: int
     """The held object's body, -1 without one."""
-    bodies: Indices
+    bodies: Index
     """(b + 1, 2) joint, first set."""
     body_spheres: Array
     """(b, 4) bounding spheres in the joint's frame."""
-    nodes: Indices
+    nodes: Index
     """(k, 2) next node not below, set of a leaf (-1 above leaves)."""
     node_spheres: Array
     """(k, 5), behind centre and radius that of a ball around the same centre which the shape holds,
     -inf without one."""
-    sets: Indices
+    sets: Index
     """(s + 1, 4) first node, first vertex, joint, mesh that it covers, or -1."""
     radius: Array
     """(s,) that each set is dilated by."""
     vertices: Array
-    meshes: Indices
+    meshes: Index
     """(g, 2) tree in `trees`, joint."""
     mesh_frames: Array
     """(g, 4, 4) T_joint_mesh."""
     trees: MeshArrays
-    pairs: Indices
+    pairs: Index
     """(c, 7) inner body, outer body, first remembered direction, first joint between them; of their
     table of angles the cells along that joint, none without a table, along the second, one without,
     and the first in `tables`."""
-    movers: Indices
+    movers: Index
     """(. + c, 2) per item, the moving bodies and then the pairs, the body that moves and the first
     joint that moves it: in a pair those inward of both move both alike."""
     pair_lower: Array
@@ -103,26 +100,26 @@ class ArmScratch(NamedTuple):
     vertices: Array
     bounds: Array
     """(s, 6) box around each set, lower then upper."""
-    body_stamp: Indices
+    body_stamp: Index
     """(b,) configuration at which the spheres of a body's sets were last placed in the world."""
-    set_stamp: Indices
+    set_stamp: Index
     """(s,) configuration at which a set was last placed in the world."""
     sides: Array
     """(s, 3) unit direction that last kept a box away from each set, in its frame; 0 without."""
     side: Array
     """(4,) that of the set that is looked at, in the world, and from where along it boxes are far
     enough away."""
-    leaves: Indices
+    leaves: Index
     """(k,) leaf spheres that the field leaves open; `leaf_ends` (b + 1,), how many of each body."""
-    leaf_ends: Indices
-    asked: Indices
+    leaf_ends: Index
+    asked: Index
     """(. + c,) the items that are asked for, ascending."""
     motion: Array
     """(. + c,) how far each moving body moves, then those of each pair to each other, metres; then
     0 where that is not kept."""
-    box_stamp: Indices
+    box_stamp: Index
     """(m,) visit in which an obstacle was last looked at."""
-    counters: Indices
+    counters: Index
     """Configuration, visit."""
     sweep: Array
     """(1,) how far all bodies are swept straight up, metres: vertices are made so."""
@@ -133,7 +130,7 @@ class ArmScratch(NamedTuple):
     mesh_frames: Array
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
-    hit: Indices
+    hit: Index
     """(3,) what was last not kept apart: kind (0 set and box, 1 two sets, 2 a sphere whose inner
     ball meets a box), set or sphere, box or set."""
     bound: Array
@@ -160,7 +157,7 @@ class FlatArm:
     arrays: ArmArrays
     directions: int
     bodies: tuple[CollisionBody, ...]
-    set_body: Indices
+    set_body: Index
     rows: tuple[SolidRows, ...]
 
     def digest(self, body: int) -> str:
@@ -296,7 +293,7 @@ def place_body(flat: FlatArm, scratch: ArmScratch, body: int, T_world_body: pin.
     scratch.bounds[sets] = rows.boxes()
 
 
-def pair_arrays(moving: int, pairs: Indices) -> dict[str, Any]:
+def pair_arrays(moving: int, pairs: Index) -> dict[str, Any]:
     """The fields that pairs make, without tables.
 
     Args:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.scene.distance import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index32
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -72,7 +72,7 @@ def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
     )
 
 
-def _column_index(obstacles: ObstacleSet) -> npt.NDArray[np.int32]:
+def _column_index(obstacles: ObstacleSet) -> Index32:
     """First box of each column of cells, as `BoxArrays.columns`: boxes are in the cells' order."""
     nx, ny, _ = obstacles.shape
     column = obstacles.cells[:, 0].astype(np.int64) * ny + obstacles.cells[:, 1]

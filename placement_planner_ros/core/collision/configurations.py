@@ -7,7 +7,6 @@ with that pose of the tip does: known before any inverse kinematics.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
@@ -19,7 +18,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 from placement_planner_ros.core.collision.against_robot import pairs_keep
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placing import place_joints, place_spheres
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 
@@ -30,7 +29,7 @@ def check_states(
     scratch: ArmScratch,
     Q: Array,
     kept: KeptMargins,
-    answers: npt.NDArray[np.bool_],
+    answers: Mask,
 ) -> None:
     """Whether configurations Q (m, n) certainly keep their margins; `answers` (m,) is filled.
 

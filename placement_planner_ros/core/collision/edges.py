@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
@@ -26,7 +25,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 from placement_planner_ros.core.collision.against_robot import pairs_keep
 from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch
 from placement_planner_ros.core.collision.placing import place_joints, place_spheres
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 
@@ -108,7 +107,7 @@ def check_edge(
     scratch: ArmScratch,
     edge: JointEdge,
     limits: EdgeLimits,
-    work: tuple[Array, npt.NDArray[np.bool_]],
+    work: tuple[Array, Mask],
 ) -> bool:
     """Whether a straight joint motion, strayed from by no more than its deviation, is certified.
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision.against_mesh import winding_number
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, mesh_arrays
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 from placement_planner_ros.core.uncounted import Uncounted
 
 
@@ -138,7 +137,7 @@ def _squared_from_triangle(corners: Array, point: Array, spot: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def rows_in_boxes(points: Array, boxes: Array) -> npt.NDArray[np.int64]:
+def rows_in_boxes(points: Array, boxes: Array) -> Index:
     """Rows of points (n, 3) in any of (k, 2, 3) boxes, of which middle and half sides are given."""
     rows = np.empty(len(points), np.int64)
     count = 0

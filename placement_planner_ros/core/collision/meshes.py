@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.body.mesh_components import Components
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import Array, Index, Mask, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
-
-Indices = npt.NDArray[np.int64]
 
 _LEAF_TRIANGLES = 4
 """Triangles in a leaf, at most."""
@@ -30,19 +27,19 @@ class MeshArrays(NamedTuple):
     Rows that belong to mesh i run from its entry in a `first` array to that of mesh i + 1.
     """
 
-    first_node: Indices
+    first_node: Index
     """(m + 1,)."""
-    first_leaf: Indices
+    first_leaf: Index
     """(m + 1,) in `leaves`."""
-    first_component: Indices
+    first_component: Index
     """(m + 1,)."""
     boxes: Array
     """(k, 6) box around what is below each node, lower then upper corner."""
-    leaves: Indices
+    leaves: Index
     """(l + 1,) first triangle of each leaf."""
     corners: Array
     """(3 t, 3) corners of the triangles, one after the other; closed components face outward."""
-    closed: npt.NDArray[np.bool_]
+    closed: Mask
     """(t,) whether a triangle bounds a solid; else it is part of a sheet."""
     components: Array
     """(c, 3) a point of each component."""
@@ -62,9 +59,9 @@ class MeshTree:
     """
 
     boxes: Array
-    leaves: Indices
+    leaves: Index
     corners: Array
-    closed: npt.NDArray[np.bool_]
+    closed: Mask
     components: Array
     digest: bytes = b""
 
@@ -77,7 +74,7 @@ class MeshTree:
             object.__setattr__(self, "digest", content.digest())
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Indices) -> MeshTree:
+    def of(cls, vertices: Array, triangles: Index) -> MeshTree:
         """Of a mesh: vertices (n, 3) metres, triangles (t, 3)."""
         # Components; the solid is where a closed one, which faces outward, winds about a point.
         made = Components.of(np.asarray(vertices, dtype=np.float64), triangles)
@@ -96,7 +93,7 @@ class MeshTree:
         )
 
 
-def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
+def tree_order(centers: Array, most: int) -> tuple[Index, Index]:
     """Triangles in the order of a complete tree's leaves, and the first of each leaf and their
     number.
 
@@ -125,7 +122,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     return order, first
 
 
-def _tree_boxes(corners: Array, leaves: Indices) -> Array:
+def _tree_boxes(corners: Array, leaves: Index) -> Array:
     """(k, 6) boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3)."""
     # Boxes of the leaves, then of two nodes each, up to the root.
     level = np.hstack(
@@ -170,5 +167,5 @@ def mesh_arrays(trees: Sequence[MeshTree]) -> MeshArrays:
     )
 
 
-def _first_rows(sizes: Sequence[int]) -> Indices:
+def _first_rows(sizes: Sequence[int]) -> Index:
     return np.cumsum([0, *sizes], dtype=np.int64)

@@ -13,7 +13,7 @@ from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.swept_object import SweptPoses, check_poses, swept_object
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Slope, kernel_input
+from placement_planner_ros.core.types import LEVEL, ROUNDING, Array, Mask, Slope, kernel_input
 
 _WAY_STEP_M = 0.002
 """m at most between places that are looked at on a way that is not straight down."""
@@ -78,7 +78,7 @@ class ObjectCollision:
         contact_height: npt.ArrayLike,
         raise_height: npt.ArrayLike,
         slope: Slope = LEVEL,
-    ) -> npt.NDArray[np.bool_]:
+    ) -> Mask:
         """`free` for poses (n, 4, 4), with heights of shape (n,) or one for all; returns (n,)."""
         poses = kernel_input(T_world_object).reshape(-1, 4, 4)
         contact = np.array(np.broadcast_to(contact_height, len(poses)), dtype=np.float64)
@@ -114,14 +114,14 @@ class ObjectCollision:
             for part in (slice(0, 1), slice(1, None))
         )
 
-    def boxes_touching(self, leant_on: npt.NDArray[np.bool_]) -> BoxArrays:
+    def boxes_touching(self, leant_on: Mask) -> BoxArrays:
         """The obstacle set, of which (m,) boxes may be touched."""
         return box_arrays(self._obstacles)._replace(
             tops=np.where(leant_on, 0.0, np.inf),
             support=np.array([0.0, self.settings.contact_tolerance, math.inf, math.inf]),
         )
 
-    def _free(self, poses: SweptPoses, boxes: BoxArrays, margin: float) -> npt.NDArray[np.bool_]:
+    def _free(self, poses: SweptPoses, boxes: BoxArrays, margin: float) -> Mask:
         answers = np.empty(len(poses.T), dtype=np.bool_)
         check_poses(self._object, boxes, self._scratch, poses, margin, answers)
         return answers

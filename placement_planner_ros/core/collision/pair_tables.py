@@ -24,7 +24,7 @@ from placement_planner_ros.core.collision.placing import place_joints, place_sph
 from placement_planner_ros.core.disk_cache import code_digest, digest_of, recalled_result
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 
 
 def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
@@ -89,7 +89,7 @@ def _fill_table(
     pair: int,
     lower: Array,
     clear: float,
-    apart: npt.NDArray[np.bool_],
+    apart: Mask,
 ) -> None:
     """All cells (m, n) of a table: the whole of it, and where that is open its quarters."""
     rows, columns = apart.shape

@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.types import Array
-
-Indices = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import Array, Index
 
 PLACED_JOINT = -2
 """Stands for the joint of a body that stands in the world where it is put, and not for good."""
@@ -57,9 +54,9 @@ class SolidRows:
         meshes: trees; `mesh_frames` (g, 4, 4) where each is.
     """
 
-    nodes: Indices
+    nodes: Index
     node_spheres: Array
-    sets: Indices
+    sets: Index
     radius: Array
     vertices: Array
     meshes: tuple[MeshTree, ...]

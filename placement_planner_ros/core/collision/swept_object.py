@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.body.body import Body
@@ -33,7 +32,7 @@ from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.collision.solids import SolidRows
 from placement_planner_ros.core.collision.spheres import shape_rows
 from placement_planner_ros.core.reach.kinematics import to_world
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 
@@ -82,7 +81,7 @@ def check_poses(
     scratch: ArmScratch,
     poses: SweptPoses,
     margin: float,
-    answers: npt.NDArray[np.bool_],
+    answers: Mask,
 ) -> None:
     """Whether the object keeps the margin on its way straight down onto each pose.
 

@@ -6,7 +6,6 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.body.contact_points import contact_points
@@ -16,7 +15,7 @@ from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.types import Array, Slope, upright
+from placement_planner_ros.core.types import Array, Index, Mask, Slope, upright
 from placement_planner_ros.core.uncounted import Uncounted
 
 TIPS = math.radians(5.0)
@@ -69,7 +68,7 @@ class PolygonSupport:
         )
         return spans(self._problem.environment, footprint, self.footing.contact_tolerance)
 
-    def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
+    def stable(self, T: Array, faces: Index, slope: Slope) -> Mask:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope.
 
         Points that are spread over what touches are looked at first; where these do not suffice,
@@ -94,10 +93,10 @@ class PolygonSupport:
         self,
         points: list[Array],
         T: Array,
-        faces: npt.NDArray[np.int64],
+        faces: Index,
         slope: Slope,
         added: float,
-    ) -> npt.NDArray[np.bool_]:
+    ) -> Mask:
         """(n,) whether those of the contact points that are supported carry the object.
 
         Nothing rises above these anywhere under what touches, either: of what is narrower than
@@ -145,7 +144,7 @@ class PolygonSupport:
         widths, planes = _firm_support(points, gaps, ups, height, margin, noise, added)
         return widths, planes, noise
 
-    def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
+    def least_inside(self, face: Index, slope: Array) -> tuple[Array, Array]:
         """How far the centre of mass is shifted, and what it keeps from the end of its support.
 
         Args:
@@ -226,9 +225,7 @@ def _firm_support(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _carrying_points(
-    points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_], plane: Array
-) -> bool:
+def _carrying_points(points: Array, gaps: Array, noise: float, carries: Mask, plane: Array) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
 
     As `coplanar_support`, for a varying number of points. What lies lower than so little a lean
@@ -263,7 +260,7 @@ def _carrying_points(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
+def _fit_plane(points: Array, gaps: Array, of: Mask, plane: Array) -> float:
     """m across some of the points, where they are narrowest; 0 where they are in line.
 
     Args:
@@ -304,7 +301,7 @@ def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Arr
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
+def _narrowest_width(points: Array, corners: Index) -> float:
     """m between the two parallel lines, closest together, that hold a convex polygon.
 
     Args:
@@ -325,7 +322,7 @@ def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _convex_hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
+def _convex_hull(points: Array, of: Mask, hull: Index) -> int:
     """Rows of the corners of the convex hull of some of the points (k, 2), sorted, anticlockwise.
 
     Returns:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.body.contact_points import touching_points
@@ -13,7 +12,7 @@ from placement_planner_ros.core.contacts.protrusions import Protrusions
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.types import LEVEL, Array, Slope
+from placement_planner_ros.core.types import LEVEL, Array, Index, Mask, Slope
 
 
 class VertexSupport:
@@ -41,7 +40,7 @@ class VertexSupport:
             footing.contact_tolerance,
         )
 
-    def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
+    def stable(self, T: Array, faces: Index, slope: Slope) -> Mask:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
         # Every corner of the face needs support, in one plane.
         points, first = _placed_corners(self._corners, self._first, faces, np.ascontiguousarray(T))
@@ -70,9 +69,7 @@ class VertexSupport:
 
 
 @njit(cache=True, nogil=True)
-def _placed_corners(
-    corners: Array, first: npt.NDArray[np.int64], faces: npt.NDArray[np.int64], T: Array
-) -> tuple[Array, npt.NDArray[np.int64]]:
+def _placed_corners(corners: Array, first: Index, faces: Index, T: Array) -> tuple[Array, Index]:
     """(k, 3) where the corners of each pose's face are, and (n + 1,) which is its first, and k.
 
     Args:
@@ -100,7 +97,7 @@ def _placed_corners(
     return points, begins
 
 
-def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
+def stays_standing(corners: Array) -> Mask:
     """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
 
     The centre of mass lies inside along gravity, and to tip over any edge it would have to be

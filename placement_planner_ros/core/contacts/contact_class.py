@@ -5,16 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import Ranges
-from placement_planner_ros.core.types import Array, Contact, Resting, Slope
-
-Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import Array, Contact, Index, Mask, Resting, Slope
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 MAX_LEAN_SLOPE = 0.025
 """Of the surface under an object against its contact plane, at most; 1.4 degrees."""
@@ -22,9 +21,7 @@ _SPREAD_NOISES = 0.6
 
 
 @njit(cache=True, nogil=True)
-def coplanar_support(
-    points: Array, gaps: Array, first: npt.NDArray[np.int64], noise: float
-) -> tuple[Array, Array]:
+def coplanar_support(points: Array, gaps: Array, first: Index, noise: float) -> tuple[Array, Array]:
     """What carries the corners of each object, where it is one plane, and how it lies.
 
     The plane fitted to the surface under the corners leans against theirs by `MAX_LEAN_SLOPE` at

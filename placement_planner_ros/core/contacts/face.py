@@ -13,13 +13,21 @@ from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
 from placement_planner_ros.core.contacts.by_vertices import VertexSupport
-from placement_planner_ros.core.contacts.contact_class import Index, Mask
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import EVERY_TURN, Ranges
-from placement_planner_ros.core.types import LEVEL, Array, Contact, Resting, Slope, upright
+from placement_planner_ros.core.types import (
+    LEVEL,
+    Array,
+    Contact,
+    Index,
+    Mask,
+    Resting,
+    Slope,
+    upright,
+)
 from placement_planner_ros.core.wishes.turns import Turns
 
 

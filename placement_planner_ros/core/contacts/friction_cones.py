@@ -17,10 +17,9 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import nnls
 
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Mask
 
 TILT_RAD = math.radians(3.0)
 """rad that gravity may be tilted by in any direction."""
@@ -53,9 +52,7 @@ def stays(
     return all(nnls(wrenches, -load)[1] <= SINGLE_ROUNDING for load in _disturbed_loads(margin))
 
 
-def could_stay(
-    center: Array, wall: Array, tilt: float, friction: float, margin: float
-) -> npt.NDArray[np.bool_]:
+def could_stay(center: Array, wall: Array, tilt: float, friction: float, margin: float) -> Mask:
     """(n,) where in the plane across the foot forces may bear weight and wrench: else `stays` never
     says yes.
 
@@ -75,7 +72,7 @@ def could_stay(
     return np.asarray((arm > 0.0) & (push[1] > 0.0) & ~slides.any(axis=0))
 
 
-def keeps_its_foot(center: Array, wall: Array, tilt: float) -> npt.NDArray[np.bool_]:
+def keeps_its_foot(center: Array, wall: Array, tilt: float) -> Mask:
     """(n,) whether a body that falls against the wall, by an error, is not thrown off its foot.
 
     Just then friction need not act: the foot may be in the air, or sliding. So the blow passes

@@ -17,7 +17,7 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.against_boxes import BoxArrays
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.contacts.contact_class import Index, Mask, Missing
+from placement_planner_ros.core.contacts.contact_class import Missing
 from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.contacts.lean_edges import SHORTEST_M, lean_edges
 from placement_planner_ros.core.contacts.lean_features import (
@@ -37,7 +37,16 @@ from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD, Wall
 from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import FULL_TURN, LEVEL, Array, Contact, Resting, Slope
+from placement_planner_ros.core.types import (
+    FULL_TURN,
+    LEVEL,
+    Array,
+    Contact,
+    Index,
+    Mask,
+    Resting,
+    Slope,
+)
 
 ANY_ANGLE: Ranges = ((0.0, FULL_TURN / 256),)
 """The wall says how the object is turned: one short range that is not divided."""

@@ -11,10 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 SHORTEST_M = 0.01
 """m, length of the shortest edge that is looked at."""
@@ -44,7 +43,7 @@ class LeanEdges:
     def __len__(self) -> int:
         return len(self.references)
 
-    def turns(self, edges: npt.NDArray[np.int64], distances: Array, tilts: Array) -> Array:
+    def turns(self, edges: Index, distances: Array, tilts: Array) -> Array:
         """(n,) rad by which the object is turned where it touches the wall; NaN where it does not.
 
         Args:
@@ -65,7 +64,7 @@ class LeanEdges:
         possible = (away > 0.0) & (first > 0.0) & (first < self.greatest[edges])
         return np.where(possible, first, np.nan)
 
-    def rotations(self, edges: npt.NDArray[np.int64], turns: Array) -> Array:
+    def rotations(self, edges: Index, turns: Array) -> Array:
         """(n, 3, 3) of the object, in axes away from the wall, along its foot and up."""
         turned = np.zeros((len(turns), 3, 3))
         turned[:, 0, 0] = turned[:, 2, 2] = np.cos(turns)

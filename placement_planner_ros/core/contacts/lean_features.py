@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import binary_erosion
 
 from placement_planner_ros.core.contacts.friction_cones import (
@@ -28,7 +27,7 @@ from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.walls import Wall
-from placement_planner_ros.core.types import LEVEL, Array
+from placement_planner_ros.core.types import LEVEL, Array, Mask
 
 TOUCHING_M = 2e-4
 """m from the surface and from the wall up to which corners of the hull touch."""
@@ -262,9 +261,7 @@ class Strips:
                 self.lack = max(self.lack, lack)
         return found
 
-    def _has_center(
-        self, wall: Wall, reach: Reach, middles: Array, away: Array
-    ) -> npt.NDArray[np.bool_]:
+    def _has_center(self, wall: Wall, reach: Reach, middles: Array, away: Array) -> Mask:
         """(n,) whether the centre of mass is in V with the middle of the edge at (n, 3)."""
         *ends, along = reach.center
         moved = np.interp(away, (reach.nearest, reach.farthest), ends) - away
@@ -272,7 +269,7 @@ class Strips:
         centers[:, :2] += moved[:, None] * wall.outward
         return self._environment.volume.contains(centers)
 
-    def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> npt.NDArray[np.bool_]:
+    def _has_ends(self, wall: Wall, reach: Reach, middles: Array) -> Mask:
         """(n,) whether surface and wall are there, up to half a square, at both ends of what
         touches, with the middle of the edge at (n, 3)."""
         tolerance, margin = self._footing.contact_tolerance, self._footing.edge_margin

@@ -6,12 +6,11 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.contacts.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Slope
+from placement_planner_ros.core.types import Array, Index, Mask, Slope
 
 _RISE_NOISES = 1.6
 """Times the noise of heights by which single surfaces under an object may be above their plane."""
@@ -45,12 +44,12 @@ class Protrusions:
     def lift(
         self,
         T: Array,
-        faces: npt.NDArray[np.int64],
+        faces: Index,
         slope: Slope,
         planes: Array,
         widths: Array,
         noise: Array,
-    ) -> npt.NDArray[np.bool_]:
+    ) -> Mask:
         """(n,) whether something lifts the object at poses (n, 4, 4) on these faces (n,).
 
         On what is higher in its middle by d an object leans by d over half its width. That may be

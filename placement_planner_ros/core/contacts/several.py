@@ -8,14 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.contacts.contact_class import ContactClass, Index, Mask, Missing
+from placement_planner_ros.core.contacts.contact_class import ContactClass, Missing
 from placement_planner_ros.core.contacts.face import FaceContact
 from placement_planner_ros.core.contacts.lean import LeanContact
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import Ranges
-from placement_planner_ros.core.types import Array, Contact, Resting, Slope
+from placement_planner_ros.core.types import Array, Contact, Index, Mask, Resting, Slope
 from placement_planner_ros.core.wishes.turns import Turns
 
 

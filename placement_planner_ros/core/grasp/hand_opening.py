@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
@@ -21,7 +20,7 @@ from placement_planner_ros.core.robot.geometry import convex_geometry
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _COPY_TURN_RAD = 0.05
@@ -100,14 +99,14 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     return replace(robot, geometry=swept, geometry_links=tuple(links), meshes=tuple(meshes))
 
 
-def moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
+def moving_coordinates(robot: Robot, joint: int) -> Mask:
     """(nq,) which coordinates move that joint's frame."""
     result = np.zeros(robot.model.nq, np.bool_)
     result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
     return result
 
 
-def revolute_coordinates(robot: Robot) -> npt.NDArray[np.bool_]:
+def revolute_coordinates(robot: Robot) -> Mask:
     """(nq,) which coordinates are angles."""
     return ~np.isin(robot.joint_names, list(robot.prismatic))
 

@@ -14,7 +14,6 @@ from itertools import product
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
@@ -37,7 +36,7 @@ from placement_planner_ros.core.robot.overlap import meet
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Mask
 
 WITH_CLOUDS = "in collision with the surroundings"
 """How a collision with the obstacle set begins, in words."""
@@ -232,14 +231,14 @@ class StartState:
     def _object_at(self, arm: Arm, grasp: int) -> pin.SE3:
         return self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
 
-    def _in_hand(self, arm: Arm) -> npt.NDArray[np.bool_]:
+    def _in_hand(self, arm: Arm) -> Mask:
         """Which geometries move with the hand."""
         robot, model = self._robot, self._robot.model
         tip = model.frames[robot.frame_id(arm.tip_frame)].parentJoint
         hand = arm_joint(model, _joint_ids(robot, arm), tip)
         return np.asarray(_carrying_joints(robot, arm) == hand)
 
-    def _met_itself(self, joints: npt.NDArray[np.int64]) -> Fault | None:
+    def _met_itself(self, joints: Index) -> Fault | None:
         """Which links meet that move to each other with the arm.
 
         Args:
@@ -278,9 +277,7 @@ class StartState:
         pairs = np.array([*product(others, self._solids)], dtype=np.int64).reshape(-1, 2)
         return next((names[i] for i, _ in self._meeting(pairs, T)), "")
 
-    def _meeting(
-        self, pairs: npt.NDArray[np.int64], T_object: pin.SE3
-    ) -> Iterator[tuple[int, int]]:
+    def _meeting(self, pairs: Index, T_object: pin.SE3) -> Iterator[tuple[int, int]]:
         """Those of pairs (n, 2) of shapes that meet, the object being there."""
         places = [*self._places, *[T_object] * len(self._solids)]
         margin = self._rules.collision.self_margin
@@ -339,7 +336,7 @@ class StartState:
         return center - half, center + half
 
 
-def _boxes_near(lower: Array, upper: Array, low: Array, high: Array) -> npt.NDArray[np.int64]:
+def _boxes_near(lower: Array, upper: Array, low: Array, high: Array) -> Index:
     """Rows of the boxes (m, 3) that meet the box from low to high (3,), axis by axis."""
     rows = np.arange(len(lower))
     for axis in range(3):
@@ -348,14 +345,14 @@ def _boxes_near(lower: Array, upper: Array, low: Array, high: Array) -> npt.NDAr
 
 
 @lru_cache(maxsize=4)
-def _checked_pairs(robot: Robot) -> npt.NDArray[np.int64]:
+def _checked_pairs(robot: Robot) -> Index:
     """(m, 2) geometries that must not meet."""
     pairs = [(pair.first, pair.second) for pair in robot.geometry.collisionPairs]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
-def _carrying_joints(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
+def _carrying_joints(robot: Robot, arm: Arm) -> Index:
     """(n,) per geometry, the arm's last joint that moves it; -1 where none does."""
     joints, ids = [g.parentJoint for g in robot.geometry.geometryObjects], _joint_ids(robot, arm)
     return np.array([arm_joint(robot.model, ids, joint) for joint in joints], dtype=np.int64)

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
@@ -25,7 +24,7 @@ from placement_planner_ros.core.motion.projected import (
     without_repetition,
 )
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index32
 
 _FORWARD = 0
 _ANY_BACKWARD = -1
@@ -75,9 +74,7 @@ class _Goal:
 
 
 @njit(cache=True, nogil=True)
-def _nearest_node(
-    nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, label: int
-) -> int:
+def _nearest_node(nodes: Array, labels: Index32, count: int, q: Array, label: int) -> int:
     """Index of the node closest to `q` among those with `label` (-1: any backward tree), or -1.
 
     Args:
@@ -285,7 +282,7 @@ class GoalSetRRT:
         key = self._connected.popleft()
         return key, self._path_to(self._goals[key].root)
 
-    def trees(self) -> tuple[Array, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    def trees(self) -> tuple[Array, Index32, Index32]:
         """A copy of all trees: nodes (n, dof), parents (n,) or -1 at roots, labels (n,).
 
         Label 0 is the forward tree; node 0 is the start.

@@ -11,19 +11,12 @@ from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.supporting_faces import (
-    Index,
-    SupportingFaces,
-    padded_rows,
-)
+from placement_planner_ros.core.objective.supporting_faces import SupportingFaces, padded_rows
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M
-from placement_planner_ros.core.types import Array, Slope
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import Array, Index, Slope
 
 ABOVE_CONTACT_M = 0.01
 """m above the contact plane, what stands beside the object begins to count."""

@@ -7,7 +7,8 @@ import pinocchio as pin
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
 from placement_planner_ros.core.objective.supporting_faces import SupportingFaces
-from placement_planner_ros.core.scene.clearance import CAP, ClearanceField, most_change
+from placement_planner_ros.core.scene.clearance import ClearanceField, most_change
+from placement_planner_ros.core.scene.clearance_table import CAP
 from placement_planner_ros.core.types import Array
 
 

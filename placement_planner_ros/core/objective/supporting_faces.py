@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.types import LEVEL, Array, upright
-
-Index = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import LEVEL, Array, Index, upright
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,13 +15,9 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import ObjectiveContext, PoseRanges
-from placement_planner_ros.core.objective.supporting_faces import (
-    Index,
-    SupportingFaces,
-    padded_rows,
-)
-from placement_planner_ros.core.scene.clearance import CAP
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.objective.supporting_faces import SupportingFaces, padded_rows
+from placement_planner_ros.core.scene.clearance_table import CAP
+from placement_planner_ros.core.types import Array, Index
 
 
 class Term(Protocol):

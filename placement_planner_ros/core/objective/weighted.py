@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
@@ -32,7 +31,7 @@ from placement_planner_ros.core.objective.terms import (
     Turn,
     term_ends,
 )
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Mask
 
 BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
     "clearance": ClearanceTerm,
@@ -229,7 +228,7 @@ class Requirements:
                 total[rows] += np.where(short > SINGLE_ROUNDING, short, 0.0) / term.scale
         return total
 
-    def impossible(self, ranges: PoseRanges) -> npt.NDArray[np.bool_]:
+    def impossible(self, ranges: PoseRanges) -> Mask:
         """(n,) ranges at all of whose poses one of them is too low."""
         # Arithmetic may be off by as much again.
         allowed = 2.0 * SINGLE_ROUNDING

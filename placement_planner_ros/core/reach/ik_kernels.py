@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from placement_planner_ros.core.reach.kinematics import Flags, chain_frames, frames_jacobian
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.reach.kinematics import chain_frames, frames_jacobian
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 ROTATION_SCALE_M = 0.25
@@ -40,7 +40,7 @@ class IKArm(NamedTuple):
     """An arm of n joints as `kinematics.Chain` describes it, and numbers of `IKSettings`."""
 
     fixed: Array
-    prismatic: Flags
+    prismatic: Mask
     lower: Array
     upper: Array
     ties: Array
@@ -66,7 +66,7 @@ class IKScratch(NamedTuple):
     """(6,) its right-hand side, then its solution."""
     error: Array
     """(6,)"""
-    free: Flags
+    free: Mask
     """(n,) joints that take part."""
     dq: Array
     """(n,)"""
@@ -241,7 +241,7 @@ def descend_to_target(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def is_among(q: Array, known: Array, prismatic: Flags, min_difference: float) -> bool:
+def is_among(q: Array, known: Array, prismatic: Mask, min_difference: float) -> bool:
     """Whether q (n,) is one of configurations (k, n), but for full turns and `min_difference`."""
     # Newest first, as the last steps of a walk are nearest.
     for k in range(len(known) - 1, -1, -1):

@@ -18,21 +18,18 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 from numba import njit
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.arm import Arm, follow_masters
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.types import Array, frozen_array, kernel_input
+from placement_planner_ros.core.types import Array, Mask, frozen_array, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
-
-Flags = npt.NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
+def chain_frames(fixed: Array, prismatic: Mask, q: Array, frames: Array) -> None:
     """Joint frames and tip at q: the module's product from left to right.
 
     Only x and y of each rotation are multiplied out; z is their cross product.
@@ -107,7 +104,7 @@ def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[f
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def frames_jacobian(
-    frames: Array, prismatic: Flags, x: float, y: float, z: float, jacobian: Array
+    frames: Array, prismatic: Mask, x: float, y: float, z: float, jacobian: Array
 ) -> None:
     """Jacobian of a point carried by the tip: z_i × (p - o_i) above z_i, or z_i where it slides.
 
@@ -134,7 +131,7 @@ def frames_jacobian(
 
 
 @njit(cache=True, nogil=True)
-def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> None:
+def _forward_batch(fixed: Array, prismatic: Mask, Q: Array, tips: Array) -> None:
     """Tips (n, 4, 4), zero before, of Q (n, dof)."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
     for k in range(len(Q)):
@@ -162,7 +159,7 @@ class Chain:
 
     joints: tuple[str, ...]
     fixed: Array
-    prismatic: Flags
+    prismatic: Mask
     lower: Array
     upper: Array
     ties: Array

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.types import ROUNDING, Array
+from placement_planner_ros.core.types import ROUNDING, Array, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +63,7 @@ class ReachBound:
             length=total(along) + float(half.sum()) + ROUNDING,
         )
 
-    def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
+    def within(self, T_world_tip: Array, slack: float) -> Mask:
         """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
         gap = T_world_tip[..., :3, :3] @ self.wrist + T_world_tip[..., :3, 3] - self.shoulder
         return np.asarray((gap * gap).sum(axis=-1) <= (self.length + slack) ** 2)

@@ -7,9 +7,7 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 
 
-def announce_arm(
-    robot: Robot, arm: Arm, *, derived: bool, accelerations: bool = True
-) -> tuple[str, ...]:
+def announce_arm(robot: Robot, arm: Arm, derived: bool, accelerations: bool) -> tuple[str, ...]:
     """What there is to know of an arm of this robot before it plans, in sentences: that it has
     joints which its controller may not have, and which limits are assumed.
 

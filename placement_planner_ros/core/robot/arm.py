@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.types import ROUNDING, Array, frozen_array
+from placement_planner_ros.core.types import ROUNDING, Array, Index, frozen_array, frozen_integers
 
 if TYPE_CHECKING:
     from placement_planner_ros.core.robot.model import Robot
@@ -55,7 +54,7 @@ class Arm:
     touch_links: tuple[str, ...]
     gripper_joints: tuple[str, ...]
     gripper_open: tuple[float, ...]
-    q_index: npt.NDArray[np.int64]
+    q_index: Index
     lower: Array
     upper: Array
     velocity: Array
@@ -65,11 +64,9 @@ class Arm:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ties", frozen_array(self.ties, (len(self.ties), 4)))
-        index = np.array(self.q_index, dtype=np.int64)
-        index.setflags(write=False)
-        object.__setattr__(self, "q_index", index)
+        object.__setattr__(self, "q_index", frozen_integers(self.q_index))
         for name in ("lower", "upper", "velocity", "acceleration"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (len(index),)))
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (self.dof,)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Arm) and self._content == other._content

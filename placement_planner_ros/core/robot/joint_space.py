@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.errors import JointStateError, RobotError, StartError
 from placement_planner_ros.core.robot.joints import Mimic
-from placement_planner_ros.core.types import ROUNDING, Array, frozen_array
+from placement_planner_ros.core.types import ROUNDING, Array, Mask, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +125,7 @@ class JointSpace:
         return np.where(near & self._has_limits, np.clip(q, self.lower, self.upper), q)
 
     @property
-    def _has_limits(self) -> npt.NDArray[np.bool_]:
+    def _has_limits(self) -> Mask:
         """(nq,) of joints with end stops; a mimicking one follows its master, whatever its own."""
         return ~np.isin(self.joint_names, [*self.continuous, *self.mimics])
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.body.mesh import MAX_PIECES
 from placement_planner_ros.core.body.mesh_components import Components
-from placement_planner_ros.core.types import ROUNDING, Array
+from placement_planner_ros.core.types import ROUNDING, Array, Index, Mask
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 if TYPE_CHECKING:
@@ -66,9 +65,7 @@ class Overlaps:
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
         self._meshes = [*robot.meshes, *(mesh for _, mesh in more)]
 
-    def near(
-        self, rows: npt.NDArray[np.int64], placements: list[pin.SE3], margin: float = 0.0
-    ) -> npt.NDArray[np.bool_]:
+    def near(self, rows: Index, placements: list[pin.SE3], margin: float = 0.0) -> Mask:
         """Of which rows (n, 2) the balls around both shapes come within `margin`, metres; others
         cannot overlap."""
         # Balls around both, where they are.

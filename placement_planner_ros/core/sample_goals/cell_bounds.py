@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.contact_class import ContactClass
@@ -18,9 +17,7 @@ from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Index, Mask
 
 
 class _Reach:
@@ -106,7 +103,7 @@ class BranchBounds:
         """The poses of cells (n,) of features that are turned about a normal."""
         return PlacedCells(self._sets, cells).ranges(self._T_face_object)
 
-    def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
+    def rulings(self, cells: Cells) -> Index:
         """(n,) `Ruling` of each of the (n,) cells."""
         # Features that are turned about a normal, of which more is known.
         turned = self._turning[self._sets.face[cells["set"]]]
@@ -124,7 +121,7 @@ class BranchBounds:
         result[others[self._reach.out_of_reach(placed)]] = Ruling.OUT_OF_REACH
         return result
 
-    def _rulings_of_faces(self, cells: Cells) -> npt.NDArray[np.int64]:
+    def _rulings_of_faces(self, cells: Cells) -> Index:
         placed = PlacedCells(self._sets, cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         # Where several hold, the last one written is told.

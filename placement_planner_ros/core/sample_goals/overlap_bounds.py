@@ -11,9 +11,7 @@ from placement_planner_ros.core.collision.against_boxes import distance_bounds
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.objective.objective import PoseRanges
-from placement_planner_ros.core.types import Array
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import Array, Mask
 
 
 class OverlapBound:

@@ -9,15 +9,12 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Mask, Slope, TargetVolume
 
 _BETWEEN_PIXELS = 2.5
 """Pixels of a layer that a value between four of them differs from the nearest at most, beside what

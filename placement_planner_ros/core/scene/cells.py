@@ -14,11 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Index32
 from placement_planner_ros.core.uncounted import Uncounted
-
-Index = npt.NDArray[np.int32]
-Rows = npt.NDArray[np.int64]
 
 
 class Bins(NamedTuple):
@@ -33,26 +30,26 @@ class Bins(NamedTuple):
     """
 
     points: Array
-    start: Rows
-    cells: Index
-    number_at: Index
+    start: Index
+    cells: Index32
+    number_at: Index32
 
 
 class CellBoxes(NamedTuple):
     """m boxes; see `ObstacleSet` for the fields."""
 
-    cells: Index
+    cells: Index32
     lower: Array
     upper: Array
-    next: Index
-    first_point: Rows
+    next: Index32
+    first_point: Index
     points: npt.NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
 def sort_into_cells(
-    points: Array, origin: Array, cell_size: float, lower: Array, upper: Array, number_at: Index
-) -> tuple[Array, Rows, Index]:
+    points: Array, origin: Array, cell_size: float, lower: Array, upper: Array, number_at: Index32
+) -> tuple[Array, Index, Index32]:
     """A counting sort of those (n, 3) points that are finite and within the bounds, both ends
     included: the fields of `Bins`; of these, `number_at` (nx, ny, nz), all 0, is filled."""
     nx, ny, nz = number_at.shape
@@ -111,7 +108,7 @@ def sort_into_cells(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _bound_points(points: Array, rows: Rows, skin: float, box: Array) -> tuple[float, bool]:
+def _bound_points(points: Array, rows: Index, skin: float, box: Array) -> tuple[float, bool]:
     """`box` (2, 3): the tight box around points[rows].
 
     Returns:
@@ -129,7 +126,7 @@ def _bound_points(points: Array, rows: Rows, skin: float, box: Array) -> tuple[f
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) -> int:
+def _cut_off(points: Array, rows: Index, box: Array, skin: float, spill: Index) -> int:
     """Put those of `rows` first whose points lie within `skin` of the fullest side of their box.
 
     The order is kept otherwise. Returns how many there are. Upright sides come first where equal:
@@ -164,7 +161,7 @@ def _cut_off(points: Array, rows: Rows, box: Array, skin: float, spill: Rows) ->
 
 @njit(cache=True, nogil=True)
 def _cut_cell(
-    points: Array, rows: Rows, skin: float, max_boxes: int, spill: Rows, boxes: Array, ends: Rows
+    points: Array, rows: Index, skin: float, max_boxes: int, spill: Index, boxes: Array, ends: Index
 ) -> int:
     """Cut the points of one cell, as the module says; returns into how many boxes.
 
@@ -206,7 +203,7 @@ def _cut_cell(
 @njit(cache=True, nogil=True)
 def boxes_of_cells(
     bins: Bins, skin: float, max_boxes: int
-) -> tuple[Index, Array, Array, Index, Rows, npt.NDArray[np.float32]]:
+) -> tuple[Index32, Array, Array, Index32, Index, npt.NDArray[np.float32]]:
     """The fields of `CellBoxes`: the points of each cell, in up to so many boxes.
 
     A cut is used if it leaves out a good part of the volume.
@@ -288,7 +285,7 @@ def _one_surface(
 
 @njit(cache=True, nogil=True)
 def close_gaps(
-    boxes: CellBoxes, number_at: Index, origin: Array, cell_size: float, skin: float
+    boxes: CellBoxes, number_at: Index32, origin: Array, cell_size: float, skin: float
 ) -> tuple[Array, Array]:
     """Extend boxes of one surface in neighbouring cells to the face between these cells.
 

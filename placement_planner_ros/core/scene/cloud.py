@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.types import Array, kernel_input
+from placement_planner_ros.core.types import Array, Index, Index32, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
 
 AROUND_M, CLEAR_M = 0.35, 0.1
@@ -116,7 +116,7 @@ def finite_extent(points: Array) -> tuple[int, Array]:
 
 def thinned(
     points: Array, cell_size: float, lower: npt.ArrayLike = -np.inf, upper: npt.ArrayLike = np.inf
-) -> npt.NDArray[np.int64]:
+) -> Index:
     """Rows, in order, of the (n, 3) points that are kept; those that are not finite are not.
 
     Of a dense cell as many are left as `CELL_POINTS`, evenly spread over its points in the order in
@@ -131,7 +131,7 @@ def thinned(
 
 def _thinned_and_extents(
     points: Array, cell_size: float, lower: npt.ArrayLike, upper: npt.ArrayLike
-) -> tuple[npt.NDArray[np.int64], int, Array, Array]:
+) -> tuple[Index, int, Array, Array]:
     """`thinned`, `finite_extent`, and the corners (2, 3) of what lies within those given."""
     slots = 1 << math.ceil(math.log2(1.5 * len(points) + 16.0))
     within = np.array(
@@ -143,9 +143,7 @@ def _thinned_and_extents(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _slot_of(
-    known: npt.NDArray[np.int32], number_at: npt.NDArray[np.int32], cell: tuple[int, int, int]
-) -> int:
+def _slot_of(known: Index32, number_at: Index32, cell: tuple[int, int, int]) -> int:
     """The slot of the hash table that a cell has, or would have, among those known (k, 3)."""
     mask = len(number_at) - 1
     # one after the other, until it is the cell's or nobody's
@@ -161,7 +159,7 @@ def _slot_of(
 @njit(cache=True, nogil=True)
 def _thin_evenly(
     points: Array, cell_size: float, within: Array, slots: int
-) -> tuple[npt.NDArray[np.int64], int, Array]:
+) -> tuple[Index, int, Array]:
     """`thinned`, to corners (2, 3); how many are finite; the corners (2, 2, 3) of these, and of
     those within. Cells are found by a hash table of so many slots, a power of two."""
     n, finite = len(points), 0

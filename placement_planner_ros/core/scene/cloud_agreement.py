@@ -7,15 +7,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from placement_planner_ros.core import stopping
 from placement_planner_ros.core.scene.cloud import STEP_M
-from placement_planner_ros.core.types import Array
-
-Mask = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import Array, Index, Mask
 
 COLUMN_M = 0.02
 """m, edge of the columns in which heights are compared; points of a level surface in one of them
@@ -60,12 +56,12 @@ class _Surfaces:
         rows: the cloud's points, sorted; surface k has those from first[k] to last[k].
     """
 
-    columns: Rows
+    columns: Index
     height: Array
     error: Array
-    rows: Rows
-    first: Rows
-    last: Rows
+    rows: Index
+    first: Index
+    last: Index
 
     @classmethod
     def of(cls, points: Array) -> _Surfaces:
@@ -86,7 +82,7 @@ class _Surfaces:
             columns[first[level]], height[level], error[level], rows, first[level], last[level]
         )
 
-    def points(self, which: Rows) -> Rows:
+    def points(self, which: Index) -> Index:
         """The rows of the cloud's points on some of them."""
         parts = [self.rows[self.first[k] : self.last[k]] for k in which.tolist()]
         return np.concatenate(parts) if parts else self.rows[:0]
@@ -133,7 +129,7 @@ def disagreements(
     return found
 
 
-def _matched_surfaces(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
+def _matched_surfaces(first: _Surfaces, second: _Surfaces) -> tuple[Index, Index]:
     """Rows of surfaces in the same column that are each other's nearest and no further apart."""
     both = first, second
     keys = _in_one_number([s.columns for s in both], [s.height for s in both])
@@ -145,7 +141,7 @@ def _matched_surfaces(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
     return rows, there[rows]
 
 
-def _in_one_number(columns: Sequence[Rows], heights: Sequence[Array]) -> list[Array]:
+def _in_one_number(columns: Sequence[Index], heights: Sequence[Array]) -> list[Array]:
     """Of columns (n, 2) and heights (n,) in them one number each: columns are farther apart in it
     than any two heights."""
     low = np.min([each.min(axis=0, initial=0) for each in columns], axis=0)
@@ -157,7 +153,7 @@ def _in_one_number(columns: Sequence[Rows], heights: Sequence[Array]) -> list[Ar
     ]
 
 
-def _nearest_heights(of: Array, among: Array) -> Rows:
+def _nearest_heights(of: Array, among: Array) -> Index:
     """For each of some numbers the row of the nearest among others, ascending."""
     after = np.clip(np.searchsorted(among, of), 1, max(len(among) - 1, 1))
     if len(among) < 2:
@@ -165,7 +161,7 @@ def _nearest_heights(of: Array, among: Array) -> Rows:
     return after - (of - among[after - 1] <= among[np.minimum(after, len(among) - 1)] - of)
 
 
-def _in_patches(columns: Rows, which: Mask) -> Mask:
+def _in_patches(columns: Index, which: Mask) -> Mask:
     """(n,) those of some columns (n, 2) that are of a square of three by three, 6 cm wide."""
     if not which.any():
         return which

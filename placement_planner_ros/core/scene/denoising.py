@@ -10,17 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core import stopping
 from placement_planner_ros.core.boxes import within
-from placement_planner_ros.core.scene.cells import Bins, Rows
+from placement_planner_ros.core.scene.cells import Bins
 from placement_planner_ros.core.scene.cloud import SAMPLES
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
-Mask = npt.NDArray[np.bool_]
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 
 PLANE_POINTS, SURFACE_POINTS = 8, 20
@@ -36,7 +34,7 @@ OUTLIER_SHARE, OUTLIERS_AGREE = 0.1, 0.8
 """Share of a cell's points that are outliers by chance, and of their moves that then is common."""
 
 
-def lone_cells(bins: Bins, counts: Rows, min_points: int) -> Mask:
+def lone_cells(bins: Bins, counts: Index, min_points: int) -> Mask:
     """(m,) cells that hold some, but with the 26 around fewer than `min_points`, of the points
     counted (m,)."""
     rows = np.flatnonzero((counts > 0) & (counts < min_points))
@@ -331,7 +329,7 @@ def _fit_planes(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _gather_planes(bins: Bins, flat: Mask, r: int, ring: int, candidates: Rows, count: int) -> int:
+def _gather_planes(bins: Bins, flat: Mask, r: int, ring: int, candidates: Index, count: int) -> int:
     """Append the plane cells at Chebyshev distance `ring` of cell r; returns the new count."""
     cells, number_at = bins.cells, bins.number_at
     nx, ny, nz = number_at.shape

@@ -12,11 +12,10 @@ from numba import njit
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Mask
 from placement_planner_ros.core.uncounted import Uncounted
 
 Field = npt.NDArray[np.float32]
-Index = npt.NDArray[np.int32]
 Levels = npt.NDArray[np.uint8]
 
 _LEVELS = int(np.iinfo(np.uint8).max)
@@ -170,9 +169,7 @@ def _distance_bound(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, fastmath={"nnan", "nsz", "reassoc"})
-def _lower_lines(
-    targets: Field, slab: Field, used: npt.NDArray[np.bool_], gaps: Field, greatest: float
-) -> None:
+def _lower_lines(targets: Field, slab: Field, used: Mask, gaps: Field, greatest: float) -> None:
     """Lower the squared distances (l, nz) of lines beside each other by those of the others.
 
     A line counts for those beyond its neighbour only where it is lower than that by more than the

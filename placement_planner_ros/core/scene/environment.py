@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
-from placement_planner_ros.core.scene.clearance import CAP, ClearanceField
+from placement_planner_ros.core.scene.clearance import ClearanceField
+from placement_planner_ros.core.scene.clearance_table import CAP
 from placement_planner_ros.core.scene.cloud import AROUND_M, CONTACT_TOLERANCE_M, crop_cloud
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement
 from placement_planner_ros.core.scene.compartment import has_unseen_ceiling

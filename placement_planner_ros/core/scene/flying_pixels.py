@@ -17,16 +17,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.scene.cloud import SAMPLES, SURE_NOISES
 from placement_planner_ros.core.scene.freespace import BINS
-from placement_planner_ros.core.types import Array, kernel_input
+from placement_planner_ros.core.types import Array, Index, Mask, kernel_input
 from placement_planner_ros.core.uncounted import Uncounted
-
-Mask = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.int64]
 
 PIECE_PIXELS = 3
 """Pixels of the smallest piece."""
@@ -59,8 +55,8 @@ class SeenPixels(NamedTuple):
 
     at: Array
     range: Array
-    row: Rows
-    start: Rows
+    row: Index
+    start: Index
     pitch: float
 
 
@@ -78,7 +74,7 @@ def flying_pixels(points: Array, sensor: Array) -> Mask:
     return _flying_of_sample(points, sensor, everything, everything)
 
 
-def flying_among(points: Array, sensor: Array, rows: Rows) -> Mask:
+def flying_among(points: Array, sensor: Array, rows: Index) -> Mask:
     """(k,) which of some points of a cloud are flying pixels, in a part of the time for all.
 
     Only those that `flying_pixels` says are: what else flies counts as support here. Whether too
@@ -144,7 +140,9 @@ def _seen_pixels(points: Array, sensor: Array) -> SeenPixels | None:
 
 
 @njit(cache=True, nogil=True)
-def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, Array, Rows, Rows]:
+def _project_points(
+    points: Array, sensor: Array, frame: Array
+) -> tuple[Array, Array, Index, Index]:
     """Points on the disc: (x, y) √(2 / (1 + z)) of their directions (x, y, z) in a frame.
 
     Returns:
@@ -175,7 +173,7 @@ def _project_points(points: Array, sensor: Array, frame: Array) -> tuple[Array, 
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
+def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Index) -> int:
     """Into `near` the other points within so many pixels of point p; returns how many."""
     a, b = seen.at[p, 0], seen.at[p, 1]
     nx, ny = seen.start.shape[0], seen.start.shape[1] - 1
@@ -195,7 +193,7 @@ def _pixels_around(seen: SeenPixels, p: int, reach: float, near: Rows) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, float]:
+def _line_residuals(seen: SeenPixels, stride: int, near: Index) -> tuple[Array, float]:
     """(k,) how far some points are from a line that leads to them, metres.
 
     And which share of them has another one in the very same direction.
@@ -213,7 +211,7 @@ def _line_residuals(seen: SeenPixels, stride: int, near: Rows) -> tuple[Array, f
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _off_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Rows) -> float:
+def _off_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Index) -> float:
     """How far point p is from the first line found that leads to it, no more than the tolerance
     away, through two points that stay, one behind the other; infinite without any.
 
@@ -243,7 +241,7 @@ def _off_line(seen: SeenPixels, p: int, tolerance: float, alive: Mask, near: Row
 
 
 @njit(cache=True, nogil=True)
-def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Rows) -> Mask:
+def _unsupported_points(seen: SeenPixels, least: float, asked: Mask, near: Index) -> Mask:
     """(n,) points that go, until each of those asked that stays has what it stays for.
 
     A point that goes only ever takes support from others, so the order makes no difference, and

@@ -20,15 +20,21 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene.clearance import CAP
+from placement_planner_ros.core.scene.clearance_table import CAP
 from placement_planner_ros.core.scene.cloud import STEP_M, thinned
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, TargetVolume, frozen_array
+from placement_planner_ros.core.types import (
+    SINGLE_ROUNDING,
+    Array,
+    Index,
+    Index32,
+    Mask,
+    TargetVolume,
+    frozen_array,
+)
 from placement_planner_ros.core.uncounted import Uncounted
 
-Cells = npt.NDArray[np.int32]
 Flags = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
 
 OutsideRobot = Callable[[Array, float], Mask]
 """Which of (n, 3) points are further than a distance, metres, from the robot and what it holds."""
@@ -101,7 +107,7 @@ class SeenSpace:
     volume: TargetVolume
     origin: Array
     shape: tuple[int, int, int]
-    goes_on: npt.NDArray[np.bool_]
+    goes_on: Mask
 
     @classmethod
     def around(
@@ -140,12 +146,12 @@ class SeenSpace:
         return state
 
     @property
-    def _shift(self) -> npt.NDArray[np.int64]:
+    def _shift(self) -> Index:
         """What takes cells of the obstacle set to those of here."""
         off = (self.measured.origin - self.origin) / self.measured.cell_size
         return np.asarray(off.round().astype(np.int64))
 
-    def _within(self, cells: npt.NDArray[np.int64]) -> Mask:
+    def _within(self, cells: Index) -> Mask:
         return np.asarray(((cells >= 0) & (cells < self.shape)).all(axis=1))
 
     def unseen(self, points: Array) -> Mask:
@@ -190,7 +196,7 @@ class SeenSpace:
 
     def unknown(
         self, below_measured: bool = False, outside_robot: OutsideRobot | None = None
-    ) -> Cells:
+    ) -> Index32:
         """The cells that unknown space begins with: those with a face towards any other space.
 
         Nothing gets to the cells behind them, or nearer to those than to these.
@@ -218,7 +224,7 @@ class SeenSpace:
             self._clear_robot(unknown, outside_robot)
         return _surface_cells(unknown, self.goes_on)
 
-    def with_unknown(self, cells: Cells) -> ObstacleSet:
+    def with_unknown(self, cells: Index32) -> ObstacleSet:
         """The obstacle set with these cells (k, 3) as obstacles on which nothing stands.
 
         Raises:
@@ -265,7 +271,7 @@ class SeenSpace:
 @njit(cache=True, nogil=True)
 def _points_towards(
     points: Array, sensor: Array, lower: Array, upper: Array
-) -> tuple[npt.NDArray[np.int64], Array]:
+) -> tuple[Index, Array]:
     """Rows of points (n, 3) that lie from the sensor in a direction in which the box lies, too;
     these points, or where their lines of sight leave the box before."""
     rows, ends = np.empty(len(points), np.int64), np.empty((len(points), 3))
@@ -363,10 +369,10 @@ def _within_box(along: Array, low: Array, high: Array) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _walk_cells(
-    cells: npt.NDArray[np.bool_],
+    cells: Mask,
     cell: int,
-    left: npt.NDArray[np.int64],
-    step: npt.NDArray[np.int64],
+    left: Index,
+    step: Index,
     crossing: Array,
     between: Array,
 ) -> None:
@@ -392,7 +398,7 @@ def _walk_cells(
 
 
 @njit(cache=True, nogil=True)
-def _direction_bins(ways: Array) -> npt.NDArray[np.int64]:
+def _direction_bins(ways: Array) -> Index:
     """(n,) the bin of each direction (n, 3), on the cube's side that it leaves through."""
     bins = np.empty(len(ways), np.int64)
     for n in range(len(ways)):
@@ -429,7 +435,7 @@ def _points_behind(points: Array, nearest: Array, sensor: Array) -> Mask:
     return np.asarray((ways * ways).sum(axis=1) > nearest[_direction_bins(ways)])
 
 
-def _surface_cells(unknown: Mask, goes_on: Mask) -> Cells:
+def _surface_cells(unknown: Mask, goes_on: Mask) -> Index32:
     """(k, 3) set cells with a face towards one that is not set, or towards space further away."""
     enclosed = unknown.copy()
     for axis in range(3):

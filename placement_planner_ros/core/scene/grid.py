@@ -31,6 +31,9 @@ from placement_planner_ros.core.types import (
     LEVEL,
     SINGLE_ROUNDING,
     Array,
+    Index,
+    Index32,
+    Mask,
     Slope,
     frozen_array,
     kernel_input,
@@ -91,15 +94,15 @@ class ObstacleSet:
     origin: Array
     cell_size: float
     shape: tuple[int, int, int]
-    cells: npt.NDArray[np.int32]
+    cells: Index32
     lower: Array
     upper: Array
-    number_at: npt.NDArray[np.int32]
-    next: npt.NDArray[np.int32]
-    first_point: npt.NDArray[np.int64]
+    number_at: Index32
+    next: Index32
+    first_point: Index
     points: npt.NDArray[np.float32]
     noise: float
-    barred: npt.NDArray[np.bool_] | None = None
+    barred: Mask | None = None
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -176,7 +179,7 @@ class ObstacleSet:
 
         bounds = kernel_input(lower), kernel_input(upper)
 
-        def sort(points: Array, number_at: npt.NDArray[np.int32]) -> Bins:
+        def sort(points: Array, number_at: Index32) -> Bins:
             found = sort_into_cells(kernel_input(points), origin, size, *bounds, number_at)
             return Bins(*found, number_at)
 
@@ -239,7 +242,7 @@ class ObstacleSet:
             result[rows] = top[rows] + reach
         return result
 
-    def with_full_cells(self, cells: npt.NDArray[np.int32], below: float = 0.0) -> ObstacleSet:
+    def with_full_cells(self, cells: Index32, below: float = 0.0) -> ObstacleSet:
         """A copy in which further cells, until now empty, are obstacles as a whole.
 
         Nothing was measured in them, so no surface lies on them: take regions and support from the
@@ -257,7 +260,7 @@ class ObstacleSet:
         barred = None if self.barred is None else np.append(self.barred, np.zeros(len(cells), bool))
         return self._with(cells, lower, upper, barred)
 
-    def _covered_from(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> Array:
+    def _covered_from(self, cells: Index32, lower: Array, upper: Array) -> Array:
         """(k,) height of the lowest box that covers each cell in the cell above it; inf without."""
         above = cells + np.array([0, 0, 1], dtype=np.int32)
         heights = np.full(len(cells), np.inf)
@@ -273,7 +276,7 @@ class ObstacleSet:
             rows = self.next[rows]
         return heights
 
-    def with_boxes(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> ObstacleSet:
+    def with_boxes(self, cells: Index32, lower: Array, upper: Array) -> ObstacleSet:
         """A copy with further boxes, of corners (k, 3), that nothing stands on.
 
         Args:
@@ -309,10 +312,10 @@ class ObstacleSet:
 
     def _with(
         self,
-        cells: npt.NDArray[np.int32],
+        cells: Index32,
         lower: Array,
         upper: Array,
-        barred: npt.NDArray[np.bool_] | None,
+        barred: Mask | None,
     ) -> ObstacleSet:
         """A copy with further boxes in those cells (k, 3)."""
         together = np.vstack([self.cells, cells]).astype(np.int32)

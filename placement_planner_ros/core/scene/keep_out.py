@@ -11,9 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.types import Array
-
-Cells = npt.NDArray[np.int32]
+from placement_planner_ros.core.types import Array, Index32, Mask
 
 
 def boxes_of(numbers: npt.ArrayLike) -> Array:
@@ -21,7 +19,7 @@ def boxes_of(numbers: npt.ArrayLike) -> Array:
     return np.array(numbers, dtype=np.float64).reshape(-1, 2, 3)
 
 
-def inside(points: Array, boxes: Array) -> npt.NDArray[np.bool_]:
+def inside(points: Array, boxes: Array) -> Mask:
     """(...,) whether points (..., 3) lie in any of the boxes (k, 2, 3)."""
     at = points[..., None, :]
     return np.asarray(((at >= boxes[:, 0]) & (at <= boxes[:, 1])).all(axis=-1).any(axis=-1))
@@ -44,7 +42,7 @@ def kept_out(obstacles: ObstacleSet, boxes: Array, lower: Array, upper: Array) -
     return larger.with_boxes(cells, low, high)
 
 
-def _box_shell(obstacles: ObstacleSet, lower: Array, upper: Array) -> tuple[Cells, Array, Array]:
+def _box_shell(obstacles: ObstacleSet, lower: Array, upper: Array) -> tuple[Index32, Array, Array]:
     """The cells (n, 3) that the surface of a box lies in, and the corners (n, 3) of what of them is
     in the box."""
     size = obstacles.cell_size

@@ -33,16 +33,21 @@ from placement_planner_ros.core.scene.rasters import (
     TILE_M,
     WIDEST,
     Field,
-    Index,
-    Mask,
-    Rows,
     hand_on_nearest,
     pixel_sums,
     widest_empty_disc,
     window_sums,
 )
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Slope, TargetVolume
+from placement_planner_ros.core.types import (
+    SINGLE_ROUNDING,
+    Array,
+    Index,
+    Index32,
+    Mask,
+    Slope,
+    TargetVolume,
+)
 
 _AnyImage = TypeVar("_AnyImage", bound=npt.NDArray)
 
@@ -237,12 +242,12 @@ class HeldPixels(NamedTuple):
         of_point: (n,) which of these each point is in, or -1.
     """
 
-    pixels: Rows
+    pixels: Index
     number: Array
     means: Array
     total: Array
     highest: Array
-    of_point: Rows
+    of_point: Index
 
 
 class Raster:
@@ -266,13 +271,15 @@ class Raster:
         means = (sums[:, 1:3] / sums[:, :1] - self.origin) / self.pixel
         return HeldPixels(pixels, sums[:, 0], means, sums[:, -2], sums[:, -1], of_point)
 
-    def image(self, pixels: Rows, values: npt.ArrayLike, empty: npt.ArrayLike = 0.0) -> npt.NDArray:
+    def image(
+        self, pixels: Index, values: npt.ArrayLike, empty: npt.ArrayLike = 0.0
+    ) -> npt.NDArray:
         """(nx, ny) the values (m,) of pixels, and what the others have, of whose kind all are."""
         image = np.full(self.shape, empty)
         image.reshape(-1)[pixels] = values
         return image
 
-    def images(self, pixels: Rows, values: Sequence[Array]) -> Array:
+    def images(self, pixels: Index, values: Sequence[Array | Index]) -> Array:
         """(k, nx, ny) k values (m,) of the pixels, and 0 in the others."""
         images = np.zeros((len(values), *self.shape))
         for image, each in zip(images.reshape(len(values), -1), values, strict=True):
@@ -283,7 +290,7 @@ class Raster:
         """Pixels, an odd number, along a square of that side, metres, or a little less."""
         return 2 * int(0.5 * side / self.pixel) + 1
 
-    def nearest(self, discs: Array) -> tuple[Field, Index]:
+    def nearest(self, discs: Array) -> tuple[Field, Index32]:
         """(nx, ny) pixels to the nearest of points (n, 2), or of discs (n, 3) of those middles and
         radii, negative within; and which that is, or -1."""
         near = np.full(self.shape, np.float32(sum(self.shape)))

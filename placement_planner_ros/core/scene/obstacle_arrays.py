@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index32
 
 
 class ObstacleArrays(NamedTuple):
@@ -15,8 +12,8 @@ class ObstacleArrays(NamedTuple):
 
     origin: Array
     cell_size: float
-    cells: npt.NDArray[np.int32]
+    cells: Index32
     lower: Array
     upper: Array
-    number_at: npt.NDArray[np.int32]
-    next: npt.NDArray[np.int32]
+    number_at: Index32
+    next: Index32

@@ -23,14 +23,14 @@ from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import (
     LEVEL,
     Array,
+    Index,
+    Mask,
     Slope,
     TargetVolume,
     kernel_input,
     steepness,
 )
 from placement_planner_ros.core.uncounted import Uncounted
-
-Index = npt.NDArray[np.int64]
 
 MOST_SLOPES = 4
 """Slopes that are looked at, those of most surface; planes of others belong to none."""
@@ -159,10 +159,10 @@ class Planes:
 def _level_beside(
     boxes: ObstacleArrays,
     height: Array,
-    used: npt.NDArray[np.bool_],
+    used: Mask,
     tolerance: float,
     rise: float,
-) -> npt.NDArray[np.int64]:
+) -> Index:
     """(m,) in how many of the eight columns around each box another is about as high; 0 of those
     not used, and where it goes on up on one side and down on the other.
 
@@ -204,7 +204,7 @@ def _level_beside(
 
 def _find_planes(
     obstacles: ObstacleSet, volume: TargetVolume, headroom: float
-) -> tuple[list[Plane], Index, Array, npt.NDArray[np.bool_]]:
+) -> tuple[list[Plane], Index, Array, Mask]:
     """The planes, which of them each box lies in (-1: none), the means (m, 3) of the boxes, and
     which of these have headroom."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
@@ -268,7 +268,7 @@ def _box_tops(
     first: Index,
     headroom: float,
     tolerance: float,
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """(m, 3) mean of the points of each box that are no further than the tolerance below the
     highest; (m,) whether there is free space above it: no other takes much of that room.
 
@@ -331,9 +331,7 @@ def _solve_slope(moments: Array) -> tuple[float, float, float, float, bool]:
 
 
 @njit(cache=True, nogil=True)
-def _local_fits(
-    boxes: ObstacleArrays, means: Array, used: npt.NDArray[np.bool_], tolerance: float
-) -> Array:
+def _local_fits(boxes: ObstacleArrays, means: Array, used: Mask, tolerance: float) -> Array:
     """(m, 4) height above each box, slope and scatter of the plane around it; inf without one."""
     nx, ny, nz = boxes.number_at.shape
     fits = np.full((len(means), 4), np.inf)
@@ -372,7 +370,7 @@ def _local_fits(
 def _grow_planes(
     boxes: ObstacleArrays,
     means: Array,
-    used: npt.NDArray[np.bool_],
+    used: Mask,
     fits: Array,
     order: Index,
     tolerance: float,

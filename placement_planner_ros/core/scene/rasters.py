@@ -21,12 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Index32, Mask
 
 Field = npt.NDArray[np.float32]
-Index = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.int64]
 
 NEAR_CONTAINED = 0.05
 """Pixels by which a disc may reach beyond a neighbour's and still be left out beside it."""
@@ -52,7 +49,7 @@ MOST_PIXELS = 60_000
 
 @njit(cache=True, nogil=True)
 def _hand_to_rows(
-    fields: Field, axis: int, near: Field, who: Index, rows: Mask, columns: Mask
+    fields: Field, axis: int, near: Field, who: Index32, rows: Mask, columns: Mask
 ) -> None:
     """Hand the nearest on from each row to the next, there and back: to all pixels that lie more
     along the first axis than across it.
@@ -109,7 +106,7 @@ def _hand_to_rows(
 
 
 @njit(cache=True, nogil=True)
-def hand_on_nearest(elements: Array, entering: Rows, near: Field, who: Index) -> None:
+def hand_on_nearest(elements: Array, entering: Index, near: Field, who: Index32) -> None:
     """Find the nearest element to each pixel, from those that are known and others that enter.
 
     From row to row, and then from column to column, there and back, it is handed on from pixel to
@@ -197,7 +194,7 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
 @njit(cache=True, nogil=True)
 def pixel_sums(
     points: Array, origin: Array, pixel: float, shape: tuple[int, int]
-) -> tuple[Rows, Array, Rows]:
+) -> tuple[Index, Array, Index]:
     """Those points (n, 2 or more), m, that lie on a raster by the pixels that they are in.
 
     Args:

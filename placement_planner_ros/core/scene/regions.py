@@ -7,15 +7,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import find_objects, label
 
 from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.scene.layers import Layer
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, frozen_array
-
-Mask = npt.NDArray[np.bool_]
+from placement_planner_ros.core.types import (
+    LEVEL,
+    Array,
+    Index,
+    Mask,
+    Slope,
+    TargetVolume,
+    frozen_array,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +141,7 @@ class RegionPoints:
         self._ends = np.concatenate([np.zeros(0), *ends])
         self._last = np.cumsum([len(end) for end in ends]) - 1
 
-    def sample(self, picked: npt.NDArray[np.int64], rng: np.random.Generator) -> Array:
+    def sample(self, picked: Index, rng: np.random.Generator) -> Array:
         """(n, 3) a point on each of the regions picked (n,), uniform by area."""
         pick, across, along = rng.random((3, len(picked)))
         # a rectangle of the region picked, then a place in it
@@ -263,7 +268,7 @@ def _tiles_of(bounds: Tile, side: float) -> Iterator[Tile]:
             yield slice(int(i0), int(i1)), slice(int(j0), int(j1))
 
 
-def _mask_rectangles(mask: Mask) -> npt.NDArray[np.int64]:
+def _mask_rectangles(mask: Mask) -> Index:
     """(k, 4) pixels at which disjoint rectangles begin and end, along x and y, that a mask is made
     up of; rows that are alike are joined."""
     rows = np.flatnonzero(np.append(True, (mask[1:] != mask[:-1]).any(axis=1)))

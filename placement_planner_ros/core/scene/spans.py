@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import label, maximum_filter
 from scipy.spatial import ConvexHull
 
@@ -25,9 +24,7 @@ from placement_planner_ros.core.scene.regions import (
     largest_regions,
     mask_tiles,
 )
-from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
-
-Index = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import LEVEL, Array, Index, Slope, TargetVolume, upright
 
 
 class Footprint(NamedTuple):

@@ -9,14 +9,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.boxes import within
 from placement_planner_ros.core.scene.cloud import SURE_NOISES
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M, Layer, SlopeCloud, make_layers
-from placement_planner_ros.core.scene.rasters import MOST_HEIGHTS, TILE_M, Field, Index
-from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
+from placement_planner_ros.core.scene.rasters import MOST_HEIGHTS, TILE_M, Field
+from placement_planner_ros.core.types import LEVEL, Array, Index, Index32, Mask, Slope, TargetVolume
 from placement_planner_ros.core.uncounted import Uncounted
 
 NOT_MADE, EMPTY = -1, -2
@@ -28,7 +27,7 @@ class LayerStack(NamedTuple):
 
     low: int
     """Of the first height, in steps of `LAYER_STEP_M`."""
-    number: Index
+    number: Index32
     """(h,) the layer of each height, a step apart."""
     layout: Array
     """(l, 6) of each layer: x and y of the first pixel, m between pixels, how many along x and y,
@@ -156,9 +155,7 @@ class SupportMap:
         result[:, 2] -= points[:, :2] @ np.array(self.slope)
         return result
 
-    def supported(
-        self, points: Array, tolerance: float, margin: float = 0.0
-    ) -> npt.NDArray[np.bool_]:
+    def supported(self, points: Array, tolerance: float, margin: float = 0.0) -> Mask:
         """s(x) for each point: is there surface under it, within `tolerance` of its height?
 
         `gaps` says how far above each point that surface is, too.
@@ -179,7 +176,7 @@ class SupportMap:
         points: Array,
         tolerance: float,
         margin: float | None = 0.0,
-        first: npt.NDArray[np.int64] | None = None,
+        first: Index | None = None,
     ) -> Array:
         """(n,) m that surface is above each point; NaN where `supported` does not hold.
 
@@ -220,7 +217,7 @@ class SupportMap:
 
     def rising(
         self, touching: Array, frames: Array, low: Array, planes: Array, tolerance: float
-    ) -> npt.NDArray[np.bool_]:
+    ) -> Mask:
         """(n,) whether some surface lies above the plane that an object stands on, and under it.
 
         Args:
@@ -277,7 +274,7 @@ class SupportMap:
         return min(self.noise, SURE_NOISES * deviation)
 
 
-def _stacked_layers(layers: list[Layer], low: int, number: Index) -> LayerStack:
+def _stacked_layers(layers: list[Layer], low: int, number: Index32) -> LayerStack:
     sizes = [layer.inside.size for layer in layers]
     starts = np.cumsum([0, *sizes])[: len(layers)]
     layout = [
@@ -316,7 +313,7 @@ def interpolated(field: Field, layout: Array, x: float, y: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _surface_gaps(
-    points: Array, first: npt.NDArray[np.int64], tolerance: float, keeps: float, stack: LayerStack
+    points: Array, first: Index, tolerance: float, keeps: float, stack: LayerStack
 ) -> tuple[Array, float]:
     """`SupportMap.gaps`, and a height whose layer must be made before; NaN where all are there."""
     result = np.full(len(points), np.nan)
@@ -354,7 +351,7 @@ def _rising_surfaces(
     planes: Array,
     tolerance: float,
     stack: LayerStack,
-) -> tuple[npt.NDArray[np.bool_], float]:
+) -> tuple[Mask, float]:
     """`SupportMap.rising`, and a height whose layer must be made before, or NaN."""
     found = np.zeros(len(frames), np.bool_)
     for n in range(len(frames)):

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.freespace import View
@@ -20,7 +19,7 @@ from placement_planner_ros.core.scene.grid import SKIN_M, ObstacleSet
 from placement_planner_ros.core.scene.layers import SlopeCloud
 from placement_planner_ros.core.scene.rasters import TILE_M
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.types import LEVEL, Array, TargetVolume
+from placement_planner_ros.core.types import LEVEL, Array, Index, Mask, TargetVolume
 
 STEEPEST_LEAN_RAD = math.radians(15.0)
 """rad by which a wall may be from the vertical."""
@@ -114,7 +113,7 @@ class Wall:
                     return True
         return False
 
-    def is_behind(self, boxes: ObstacleSet, tolerance: float) -> npt.NDArray[np.bool_]:
+    def is_behind(self, boxes: ObstacleSet, tolerance: float) -> Mask:
         """(m,) which boxes reach no further out of its plane than that, by their points where there
         are some: boxes stand out of what is askew."""
         n, most = self.normal, self.offset + tolerance
@@ -215,7 +214,7 @@ class _WallPatches:
         scatter[(many < FEWEST_POINTS) | (values[:, 1] < (0.1 * TILE_M) ** 2)] = np.inf
         return cls(many.astype(np.float64), middles, spreads, vectors[:, :, 0], scatter)
 
-    def plane(self, rows: npt.NDArray[np.int64]) -> tuple[Array, float]:
+    def plane(self, rows: Index) -> tuple[Array, float]:
         """Unit normal (3,) and offset, m, of the plane of all points of some cubes."""
         share = self.counts[rows] / self.counts[rows].sum()
         middle = share @ self.middles[rows]
@@ -224,9 +223,7 @@ class _WallPatches:
         normal = np.linalg.eigh(spread)[1][:, 0]
         return normal, float(normal @ middle)
 
-    def in_planes(
-        self, rows: npt.NDArray[np.int64], normals: Array, offsets: Array, off: float
-    ) -> npt.NDArray[np.bool_]:
+    def in_planes(self, rows: Index, normals: Array, offsets: Array, off: float) -> Mask:
         """(k, n) which of some cubes are of planes (k, 3) and (k,), their middles no further than
         so many metres off."""
         alike = np.abs(normals @ self.normals[rows].T) >= math.cos(ALIKE_RAD)

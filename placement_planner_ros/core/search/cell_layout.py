@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.sampler import Draws, Index
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.search.sampler import Draws
+from placement_planner_ros.core.types import Array, Index
 
 CELL = np.dtype([("set", np.int64), ("low", np.float64, 3), ("high", np.float64, 3)])
 """Pose set, and the ends of x, y and θ."""

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from placement_planner_ros.core.search.cell_layout import CELL, Cells
-from placement_planner_ros.core.search.sampler import Index
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import Array, Index, Verdict
 
 NOT_FREE, COLLIDING, LACKING, VALUED, UNREACHED, REACHED = KIND_NUMBERS = range(6)
 """What the sample of a cell was: outside or unsupported; in collision; against a rule; free, so

@@ -33,13 +33,12 @@ from placement_planner_ros.core.search.sampler import (
     BatchSampler,
     Draws,
     GoalChecker,
-    Index,
     Outcome,
     SamplerSettings,
 )
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import Array, Index, Verdict
 
 
 @dataclass(frozen=True, slots=True)

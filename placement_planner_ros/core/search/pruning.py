@@ -8,7 +8,6 @@ import itertools
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.search.cell_layout import (
     CELLS_AT_ONCE,
@@ -18,7 +17,7 @@ from placement_planner_ros.core.search.cell_layout import (
     contact_areas,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 _ROUNDS = 500
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
@@ -54,7 +53,7 @@ class CellBounds(Protocol):
         """m that one radian counts as."""
         ...
 
-    def rulings(self, cells: Cells) -> npt.NDArray[np.int64]:
+    def rulings(self, cells: Cells) -> Index:
         """(n,) `Ruling` of each of the (n,) cells; any but OPEN is proven for all its poses."""
         ...
 

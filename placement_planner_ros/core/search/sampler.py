@@ -8,12 +8,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, Goal, Verdict
-
-Index = npt.NDArray[np.int64]
+from placement_planner_ros.core.types import Array, Goal, Index, Verdict
 
 
 @dataclass(frozen=True, slots=True)

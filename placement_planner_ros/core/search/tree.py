@@ -6,15 +6,14 @@ Its numbers v(n), r(n) and its links live in flat arrays, so that one descent is
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Index32
 from placement_planner_ros.core.uncounted import Uncounted
 
-Links = npt.NDArray[np.int32]
-Counts = npt.NDArray[np.int64]
+Links = Index32
+Counts = Index
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)

@@ -12,11 +12,10 @@ from placement_planner_ros.core.search.sampler import (
     BatchSampler,
     Draws,
     GoalChecker,
-    Index,
     Outcome,
     SamplerSettings,
 )
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 
 class UniformPoses:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.collision import arrays as at
-from placement_planner_ros.core.collision.arrays import ArmArrays, Indices
+from placement_planner_ros.core.collision.arrays import ArmArrays
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Mask
 
 
 class SweptCubes(NamedTuple):
@@ -20,7 +19,7 @@ class SweptCubes(NamedTuple):
 
     origin: Array
     size: float
-    swept: npt.NDArray[np.bool_]
+    swept: Mask
     """(nx, ny, nz)."""
 
 
@@ -79,7 +78,7 @@ def find_news(
     cubes: SweptCubes,
     known: ObstacleArrays,
     within: float,
-    rows: Indices,
+    rows: Index,
 ) -> int:
     """Fill `rows` with the points that are in a swept cube and far from every box; how many."""
     # Cubes that are swept, and the boxes of the known obstacles by their cells.

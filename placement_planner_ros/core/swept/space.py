@@ -20,7 +20,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from placement_planner_ros.core.collision.arm import ArmCollision
@@ -29,7 +28,7 @@ from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.reach.kinematics import chain_frames
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.swept.kernels import SweptCubes, find_news, mark_cubes
-from placement_planner_ros.core.types import LEVEL, Array, Slope, kernel_input
+from placement_planner_ros.core.types import LEVEL, Array, Index, Slope, kernel_input
 
 CHORD_MOTION_M = 0.02
 """m, how far a point of a body moves at most along a chord, unless between two samples; and the
@@ -85,8 +84,8 @@ class _Chords:
         frames: (m, n + 2, 4, 4) at the middles.
     """
 
-    ends: npt.NDArray[np.int64]
-    middles: npt.NDArray[np.int64]
+    ends: Index
+    middles: Index
     reach: float
     frames: Array
 
@@ -137,7 +136,7 @@ class SweptSpace:
         self._chords = [_Chords.of(s.arm.arrays, s.configurations) for s in stretches]
         self._cubes = self._sweep()
 
-    def news(self, points: Array) -> npt.NDArray[np.int64]:
+    def news(self, points: Array) -> Index:
         """Rows of (n, 3) points that are swept, perhaps, and were not known."""
         rows = np.empty(len(points), dtype=np.int64)
         count = find_news(kernel_input(points), self._cubes, self._known, self._known_within, rows)

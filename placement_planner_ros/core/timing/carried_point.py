@@ -18,10 +18,10 @@ from toppra.constraint import DiscretizationType, LinearConstraint
 from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 from toppra.interpolator import AbstractGeometricPath
 
-from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames
+from placement_planner_ros.core.reach.kinematics import Chain, chain_frames
 from placement_planner_ros.core.reach.reach_bound import lever_arms
 from placement_planner_ros.core.timing.quintic import halved_pieces
-from placement_planner_ros.core.types import ROUNDING, Array, kernel_input
+from placement_planner_ros.core.types import ROUNDING, Array, Mask, kernel_input
 
 _BOUND_SLACK = 0.01
 """By which, as a share, the bound may be above what is reached."""
@@ -32,7 +32,7 @@ _FACETS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 
 @njit(cache=True, nogil=True)
 def _point_derivatives(
-    fixed: Array, prismatic: Flags, point: Array, Q: Array, V: Array, A: Array, out: Array
+    fixed: Array, prismatic: Mask, point: Array, Q: Array, V: Array, A: Array, out: Array
 ) -> None:
     """out (n, 2, 3): p' and p'' of a point (3,) of the tip, for q, q' and q'' (n, dof).
 

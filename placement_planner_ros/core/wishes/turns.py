@@ -12,11 +12,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
-from placement_planner_ros.core.types import FULL_TURN, SINGLE_ROUNDING, Array, Slope, upright
+from placement_planner_ros.core.types import FULL_TURN, SINGLE_ROUNDING, Array, Mask, Slope, upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 VERTICAL = math.radians(5.0)
@@ -40,7 +39,7 @@ class Turns:
         self._to_face = [face.T_face_object.rotation for face in faces]
         self.ranges = functools.cache(self._ranges)
 
-    def kept(self, rotations: Array) -> npt.NDArray[np.bool_]:
+    def kept(self, rotations: Array) -> Mask:
         """(n,) whether the rules are kept by objects turned by (n, 3, 3)."""
         kept = np.ones(len(rotations), np.bool_)
         # Where `up` points, as an angle from the vertical.

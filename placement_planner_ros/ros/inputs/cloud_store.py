@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index, Mask
 from placement_planner_ros.ros.inputs.point_cloud import MAX_POINTS, some_of
 
 MERGE_FRACTION = 4
@@ -68,7 +67,7 @@ class MergedPoints:
 
     points: Array
     edge: float
-    cubes: npt.NDArray[np.int64]
+    cubes: Index
 
     @classmethod
     def of(cls, points: Array, edge: float) -> MergedPoints:
@@ -96,7 +95,7 @@ class MergedPoints:
         further = points[near][np.sort(first[new])]
         return MergedPoints(np.vstack([self.points, further]), edge, cubes)
 
-    def without(self, which: npt.NDArray[np.bool_]) -> MergedPoints:
+    def without(self, which: Mask) -> MergedPoints:
         """The same without some of the points (n,)."""
         return MergedPoints.of(self.points[~which], self.edge) if which.any() else self
 
@@ -179,7 +178,7 @@ class CloudStore:
         with self._lock:
             self._refused[topic] = error
 
-    def forget(self, which: Callable[[Array], npt.NDArray[np.bool_]]) -> None:
+    def forget(self, which: Callable[[Array], Mask]) -> None:
         """Forget those of the accumulated points (n, 3) for which that is true, (n,)."""
         with self._lock:
             self._merged = self._merged.without(which(self._merged.points))

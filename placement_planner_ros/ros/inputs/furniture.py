@@ -6,14 +6,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.shapes import shape_triangles
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.inputs.self_filter import OWN_M
@@ -88,7 +87,7 @@ def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[
     overlaps, rng = Overlaps(robot), np.random.default_rng(0)
     placements = robot.geometry_poses(np.zeros(model.nq))
 
-    def rows(of: npt.NDArray[np.bool_], link: str) -> list[tuple[int, int]]:
+    def rows(of: Mask, link: str) -> list[tuple[int, int]]:
         mine = np.flatnonzero(links == link)
         return [(i, j) for i in np.flatnonzero(of).tolist() for j in mine.tolist()]
 

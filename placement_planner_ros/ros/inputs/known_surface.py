@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.self_filter import Outline
@@ -51,7 +50,7 @@ class PlacedBody:
         corners = body.vertices[body.triangles] @ T.rotation.T + T.translation
         return cls(body, T, KnownSurface(corners))
 
-    def holds(self, points: Array, padding: float) -> npt.NDArray[np.bool_]:
+    def holds(self, points: Array, padding: float) -> Mask:
         """Which of (n, 3) points lie in it, or at most `padding` metres from its surface."""
         return ~Outline.of_object(self.body, self.T_world_object, padding).outside(points)
 

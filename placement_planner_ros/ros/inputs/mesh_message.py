@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
-Triangles = npt.NDArray[np.int64]
+Triangles = Index
 
 _ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 """Plain CDR by its first bytes; after four, numbers lie on multiples of their size."""

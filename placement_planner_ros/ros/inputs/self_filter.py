@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
@@ -21,7 +20,7 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import SINGLE_ROUNDING, Array
+from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Index, Mask
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.point_cloud import some_of
 
@@ -35,8 +34,6 @@ FEWEST_INSIDE = 20
 of those around a point that tell where the surface is."""
 CROWD = 4
 """Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
-
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +145,7 @@ class Outline:
         ]
         return np.array(found).reshape(-1, 2, 3)
 
-    def near(self, points: Array) -> npt.NDArray[np.int64]:
+    def near(self, points: Array) -> Index:
         """Rows of the points (n, 3) in the upright boxes around these."""
         return rows_in_boxes(np.ascontiguousarray(points), self.boxes())
 
@@ -287,7 +284,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         length = np.maximum(look.apart[rows], SINGLE_ROUNDING)[:, None]
         points[rows] = look.nearest[rows] + away / length * (clear + SINGLE_ROUNDING)
     # what was still too near at the last look is between surfaces, and dropped
-    kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    kept: Mask = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]
 

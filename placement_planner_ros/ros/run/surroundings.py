@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.collision.mesh_distances import rows_in_boxes
 from placement_planner_ros.core.errors import ParameterError
@@ -19,7 +18,7 @@ from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.joint_past import JITTER
@@ -30,8 +29,6 @@ from placement_planner_ros.ros.inputs.self_filter import (
     outside_robot,
 )
 from placement_planner_ros.ros.run.snapshot import Snapshot
-
-Mask = npt.NDArray[np.bool_]
 
 _MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
 """Parameters on which a scene depends, """

@@ -113,7 +113,7 @@ def test_other_files_are_refused_with_the_place(given, message):
 def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
     robot = tower()
     arm = robot.arm("arm", "c")
-    torso, limits = announce_arm(robot, arm, derived=True)
+    torso, limits = announce_arm(robot, arm, derived=True, accelerations=True)
     assert "lift, which moves head too" in torso
     assert "arm.joints: [swing, spin]" in torso
     assert "a controller of all 3 joints" in torso
