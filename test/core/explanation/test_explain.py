@@ -89,8 +89,7 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
 
 
 def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):
-    problem, objective = table
-    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    planner = PlacementPlanner(*table, PlannerSettings(), np.random.default_rng(0))
 
     def told(*rulings):
         return explain_search(planner._search, planner.statistics, {*rulings})

@@ -7,10 +7,9 @@ from helpers.points import BOUNDS, floor_can_shelf_wall, plane
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.scene.clearance import ClearanceField
-from placement_planner_ros.core.scene.clearance_table import CAP, LIFT_M
+from placement_planner_ros.core.scene.clearance_table import CAP, LIFT_M, MOST_PIXELS
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.scene.rasters import MOST_PIXELS
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
