@@ -9,7 +9,7 @@ shared by all checkers of it.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     arrays, scratch = flat.arrays, scratch_for(flat, 0)
     tables: list[bytes] = []
     pairs, lower = arrays.pairs.copy(), np.zeros((len(arrays.pairs), 2))
+    digest_of_body = cache(flat.digest)
     for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
         # The joints between both, which have limits and turn.
         inner, outer = flat.bodies[a], flat.bodies[b]
@@ -47,7 +48,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         step(f"tabling links {inner.name} and {outer.name}")
         shape = (*((np.diff(limits) / at.CELL_RAD).astype(np.int64) + 1).ravel().tolist(), 1)[:2]
         lower[row, : len(joints)] = limits[:, 0]
-        digests = map(flat.digest, (a, b))
+        digests = map(digest_of_body, (a, b))
         key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)
         make = partial(_cells_away, arrays, scratch, row, lower[row], clear, shape)
         # One more table behind the others.
