@@ -18,6 +18,7 @@ from placement_planner_ros.core.robot.geometry import MeshReader, PackageDirs, b
 from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.joint_space import JointSpace
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -116,6 +117,7 @@ class Robot(JointSpace):
     arm = derive_arm
 
     @property
+    @weak_lru_cache("self", maxsize=1)
     def needed_joints(self) -> tuple[str, ...]:
         """Joints whose values must be known: all but those that mimic another, are passive, or move
         no shape."""
@@ -182,8 +184,7 @@ class Robot(JointSpace):
         """
         data = data or self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        shapes = self.geometry.geometryObjects
-        return [data.oMi[shape.parentJoint] * shape.placement for shape in shapes]
+        return [data.oMi[s.parentJoint] * s.placement for s in self.geometry.geometryObjects]
 
     def joints_to(self, link: str) -> tuple[str, ...]:
         """Joints whose values the pose of a link depends on; none of them mimics another.
@@ -191,9 +192,8 @@ class Robot(JointSpace):
         Raises:
             RobotError: no such link.
         """
-        chain = self.chain_joints(link)
-        masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
-        return tuple(dict.fromkeys(masters))
+        of = {name: mimic.master for name, mimic in self.mimics.items()}
+        return tuple(dict.fromkeys(of.get(name, name) for name in self.chain_joints(link)))
 
     def seen_from(self, frame: str) -> Robot:
         """This robot in the frame of one of its links.
