@@ -72,21 +72,6 @@ def could_stay(center: Array, wall: Array, tilt: float, friction: float, margin:
     return np.asarray((arm > 0.0) & (push[1] > 0.0) & ~slides.any(axis=0))
 
 
-def keeps_its_foot(center: Array, wall: Array, tilt: float) -> Mask:
-    """(n,) whether a body that falls against the wall, by an error, is not thrown off its foot.
-
-    Just then friction need not act: the foot may be in the air, or sliding. So the blow passes
-    through the point where the wall's push meets the vertical over the foot, and the body turns on
-    about that, its foot going out, unless its centre of mass lies in the circle over point and
-    foot (all of its mass taken to be there).
-
-    Args:
-        center, wall: as of `could_stay`.
-    """
-    meets = wall[:, 1] - wall[:, 0] * math.tan(tilt)
-    return np.asarray(center[:, 0] ** 2 + center[:, 1] * (center[:, 1] - meets) <= 0.0)
-
-
 @functools.cache
 def _cone_sides(friction: float) -> Array:
     """(3, `CONE_SIDES`) sides of the pyramid that stands for a friction cone."""

@@ -16,12 +16,7 @@ from enum import IntEnum
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from placement_planner_ros.core.contacts.friction_cones import (
-    TILT_RAD,
-    could_stay,
-    keeps_its_foot,
-    stays,
-)
+from placement_planner_ros.core.contacts.friction_cones import TILT_RAD, could_stay, stays
 from placement_planner_ros.core.contacts.lean_edges import LeanEdges
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.scene.environment import Environment
@@ -139,7 +134,9 @@ class Reaches:
         # Where friction may hold it in the plane across the foot, and would if the wall were off.
         off = math.ceil(footing.contact_tolerance / STEP_M)
         may = high & could_stay(*planar, footing.friction, footing.stability_margin)
-        may &= keeps_its_foot(*planar)
+        # Falling against the wall by an error its centre moves more towards it than down: else what
+        # is short slides to the floor, however rough that is, as nothing presses its foot then.
+        may &= -centers[:, 0] <= centers[:, 2]
         rows = np.flatnonzero(binary_erosion(may, np.ones(2 * off + 1)))
         passed = bool(upright.any()), bool(high.any()), len(rows) > 0
         curable = len(rows) == 0
