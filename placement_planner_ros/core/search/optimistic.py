@@ -54,7 +54,7 @@ class OptimisticSettings(SamplerSettings):
             what is best may stand on a small one.
     """
 
-    uniform_first: int = setting(2000, "[0, inf)")
+    uniform_first: int = setting(600, "[0, inf)")
     uniform_share: float = setting(0.5, "[0, 1)")
     even_share: float = setting(0.5, "[0, 1]")
 
