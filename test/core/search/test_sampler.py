@@ -259,7 +259,7 @@ class LowerHalf:
 
 def test_parts_that_are_ruled_out_are_not_sampled():
     def upper_share(*bounds):
-        settings = {"samples_per_call": 6000, "uniform_share": 0.0}
+        settings = {"samples_per_call": 6000, "uniform_first": 2000, "uniform_share": 0.0}
         made, checker = sampler(OptimisticSampler, bounds=bounds, **settings)
         made.sample_goals(-1e-9, never)
         return (np.array(checker.contacts)[3000:, 1] > 0.2).mean()
@@ -307,7 +307,7 @@ def test_uniform_poses_lie_on_their_region(kind):
     bars = Region(np.array([[0.0, 0.0, 0.02, 0.4], [0.02, 0.0, 0.4, 0.02]]), 0.0)
     afr = AfrHierarchy([2, 1], 2, [bars], HierarchySettings())
     checker = CornerChecker()
-    settings = SETTINGS[kind](samples_per_call=1000, goals_per_call=1000)
+    settings = SETTINGS[kind](samples_per_call=600, goals_per_call=1000)
     made = kind(afr, checker, settings, np.random.default_rng(0))
     made.sample_goals(-np.inf, never)
     contacts = np.array(checker.contacts)
