@@ -223,7 +223,7 @@ def _node_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     return [
         *_call_lines(entries, "start", "node: answer of ~/start", {50: 0.1, 95: 0.1}),
         *_call_lines(entries, "service", services, {50: 0.02}),
-        *_call_lines(entries, "stop", "node: from the stop call to idle", {50: 0.1, 99: 0.1}),
+        *_call_lines(entries, "stop", "node: from the stop call to its answer", {50: 0.1, 99: 0.1}),
         *_call_lines(
             entries, "first", "node: from the start call to ~/solution", {50: 0.25, 95: 1.0}
         ),
@@ -235,7 +235,7 @@ def _load_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     beside = "beside 3 clouds at 10 Hz"
     lines = [
         *_call_lines(entries, "start", f"{beside}: answer of ~/start", {50: 0.1, 99: 0.1}),
-        *_call_lines(entries, "stop", f"{beside}: from the stop call to idle", {50: 0.1, 99: 0.1}),
+        *_call_lines(entries, "stop", f"{beside}: from the stop call to its answer", {50: 0.1, 99: 0.1}),
     ]
     turns = [e for e in entries if e["kind"] == "samples"]
     if turns:
