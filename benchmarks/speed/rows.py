@@ -235,7 +235,9 @@ def _load_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     beside = "beside 3 clouds at 10 Hz"
     lines = [
         *_call_lines(entries, "start", f"{beside}: answer of ~/start", {50: 0.1, 99: 0.1}),
-        *_call_lines(entries, "stop", f"{beside}: from the stop call to its answer", {50: 0.1, 99: 0.1}),
+        *_call_lines(
+            entries, "stop", f"{beside}: from the stop call to its answer", {50: 0.1, 99: 0.1}
+        ),
     ]
     turns = [e for e in entries if e["kind"] == "samples"]
     if turns:
