@@ -232,7 +232,7 @@ def _timed_start(caller: NodeCaller, seed: int) -> tuple[int, float]:
 
 
 def report_stop(caller: NodeCaller, row: str = "node") -> None:
-    """`~/stop` answers once the worker is idle, or after a second that it is not."""
+    """`~/stop` answers once the run has ended, or after a second that it has not."""
     answer, asked, seconds = caller.call(caller.stop, Trigger.Request())
     code = Answer.of(answer).code
     if code == "STOPPING":

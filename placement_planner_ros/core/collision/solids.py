@@ -111,7 +111,8 @@ class SolidRows:
 
 
 def bounding_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius of a ball around (n, 3) points, within 5 % of the smallest.
+    """Centre (3,) and radius of a ball around (n, 3) points, on links 5 % larger than
+    the smallest at most.
 
     Bădoiu and Clarkson's core-set iteration from the middle of their box: ever smaller steps
     towards the farthest point.

@@ -281,8 +281,8 @@ class LeanContact:
         rise, touches = self._strips.lowest
         return {
             Lack.LONG_EDGE: Missing(
-                "no edge of the object is long enough to lean on: it would roll, or fall away from "
-                "a wall",
+                "no edge of the object is long enough to lean on: it would roll, fall away from a "
+                "wall, or lean so far that it slides down",
                 "body",
                 "check it and `scale`",
             ),

@@ -38,7 +38,7 @@ class Lack(IntEnum):
     """What the edge lacked that came nearest to leaning, in the order in which that is asked."""
 
     LONG_EDGE = 0
-    """It would fall away from a wall, or roll, whatever the friction."""
+    """It would fall away from a wall, roll, or slide to the floor, whatever the friction."""
     LEVER = 1
     """It would touch a wall too low."""
     FRICTION = 2
@@ -126,17 +126,17 @@ class Reaches:
         lowest = np.where(against, corners[..., 2], np.inf).min(axis=1, initial=np.inf)
         highest = np.where(against, corners[..., 2], -np.inf)
         top = corners[np.arange(len(R)), highest.argmax(axis=1)] if len(R) else centers
-        # Where it does not fall away from the wall, and touches it high enough.
+        # Where it does not fall away from the wall, and touches it high enough. Falling against it
+        # by an error its centre moves more towards it than down: else what is short slides to the
+        # floor, however rough that is, as nothing presses its foot then.
         planar = centers[:, [0, 2]], top[:, [0, 2]], tilt
         upright = could_stay(*planar, math.inf, footing.stability_margin)
+        upright &= -centers[:, 0] <= centers[:, 2]
         high = upright & (lowest >= least_lever(footing))
         self.highest = max(self.highest, lowest[upright].max(initial=0.0))
         # Where friction may hold it in the plane across the foot, and would if the wall were off.
         off = math.ceil(footing.contact_tolerance / STEP_M)
         may = high & could_stay(*planar, footing.friction, footing.stability_margin)
-        # Falling against the wall by an error its centre moves more towards it than down: else what
-        # is short slides to the floor, however rough that is, as nothing presses its foot then.
-        may &= -centers[:, 0] <= centers[:, 2]
         rows = np.flatnonzero(binary_erosion(may, np.ones(2 * off + 1)))
         passed = bool(upright.any()), bool(high.any()), len(rows) > 0
         curable = len(rows) == 0
