@@ -106,6 +106,7 @@ class Environment:
         seen_space: what sensors whose place is known saw in and around V; None without any.
         near: points beside the robot; the common ones are part of `obstacles`.
         disagreements: of the clouds it was made of.
+        error: how far these may be off, metres.
     """
 
     obstacles: ObstacleSet
@@ -124,17 +125,19 @@ class Environment:
     seen_space: SeenSpace | None = None
     near: NearPoints = field(default_factory=NearPoints)
     disagreements: tuple[Disagreement, ...] = ()
+    error: float = 0.0
     _of_grasps: dict[bytes, tuple[ObstacleSet, ObstacleSet | None]] = field(
         default_factory=dict, init=False, repr=False
     )
 
-    def with_near(self, near: NearPoints) -> Environment:
-        """The same with points beside the robot as obstacles.
+    def with_near(self, near: NearPoints, error: float = 0.0) -> Environment:
+        """The same with points beside the robot as obstacles, and of clouds that may be off.
 
         Raises:
             CloudError: they make the grid too large.
         """
-        return self._changed(obstacles=laid_over(self.obstacles, near.common), near=near)
+        over = laid_over(self.obstacles, near.common)
+        return self._changed(obstacles=over, near=near, error=error)
 
     def with_disagreements(self, found: Sequence[Disagreement]) -> Environment:
         """The same with nothing put down where clouds contradict each other."""

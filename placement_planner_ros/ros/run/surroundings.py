@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from placement_planner_ros.core.collision.mesh_distances import rows_in_boxes
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.cloud import STEP_M, crop_cloud, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
@@ -28,6 +29,7 @@ from placement_planner_ros.ros.inputs.self_filter import (
     near_points,
     outside_robot,
 )
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 _MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
@@ -54,6 +56,7 @@ class Surroundings:
         snapshot: the inputs.
         points: (n, 3) neither near the robot nor near the held object, nor flying, planning frame.
         near: of those that are near, what may be something else.
+        error: how far a cloud is off the robot that it shows at most, metres.
         bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         disagreements: of clouds whose heights contradict each other.
@@ -63,6 +66,7 @@ class Surroundings:
     snapshot: Snapshot
     points: Array
     near: NearPoints
+    error: float
     bounds: tuple[Array, Array]
     sights: tuple[View, ...]
     disagreements: tuple[Disagreement, ...]
@@ -88,12 +92,12 @@ class Surroundings:
         parts = [(part, clouds[key]) for key, part in zip(keys, snapshot.parts, strict=True)]
         points = np.vstack([real for _, real in parts])
         # what the robot and the object in its hand cover is left out of what sensors saw
-        kept, near = np.ones(len(points), np.bool_), NearPoints()
+        kept, near, error = np.ones(len(points), np.bool_), NearPoints(), 0.0
         if snapshot.parameters["self_filter.enabled"]:
             measured = [np.full(len(real), not part.placed) for part, real in parts]
             rows = np.flatnonzero(np.concatenate(measured))
             of_sensors = [real for part, real in parts if not part.placed]
-            kept[rows], near = _beside_robot(snapshot, of_sensors)
+            kept[rows], near, error = _beside_robot(snapshot, of_sensors)
         # and of each cloud by itself, for its lines of sight and its heights
         split = np.split(kept, np.cumsum([len(real) for _, real in parts])[:-1])
         each = [(*part, hides) for part, hides in zip(parts, split, strict=True)]
@@ -101,6 +105,7 @@ class Surroundings:
             snapshot,
             points[kept],
             near,
+            error,
             _workspace(snapshot),
             _sights(snapshot, each),
             _disagreements(snapshot, each),
@@ -159,7 +164,8 @@ class Surroundings:
         """
         snapshot, parameters = self.snapshot, self.snapshot.parameters
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
-        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        margin = settings_with(parameters, self.error).collision.obstacle_margin
+        around = max(parameters["self_filter.padding"], margin)
         # what no sensor saw is occupied, but around robot and object, which would start in it
         made = self.scene() if scene is None else scene
         if parameters["unknown_space"] != "free":
@@ -169,21 +175,31 @@ class Surroundings:
                     centers, robot, q, arms, body, around + distance
                 ),
             )
-        return made.with_disagreements(self.disagreements).with_near(self.near)
+        return made.with_disagreements(self.disagreements).with_near(self.near, self.error)
 
 
-def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints]:
+def settings_with(parameters: ParameterSet, error: float) -> PlannerSettings:
+    """The planner's settings where obstacles may be off by so many metres."""
+    settings = parameters.planner_settings
+    return replace(settings, collision=replace(settings.collision, obstacle_error=error))
+
+
+def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints, float]:
     """Which of the points (n, 3) of clouds are not near the robot, one cloud after the other; of
-    the others, what may be something else. Each cloud is laid on the robot that it shows."""
+    the others, what may be something else. Each cloud is laid on the robot that it shows; by how
+    many metres at most."""
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
-    clear = parameters.planner_settings.collision.clear
     # each cloud is moved to where the robot that it shows is
-    points = np.vstack([np.zeros((0, 3)), *(each - camera_shift(robot, each) for each in clouds)])
+    shifts = [camera_shift(robot, each) for each in clouds]
+    moved = (each - shift for each, shift in zip(clouds, shifts, strict=True))
+    points = np.vstack([np.zeros((0, 3)), *moved])
+    error = max((float(np.linalg.norm(shift)) for shift in shifts), default=0.0)
+    clear = settings_with(parameters, error).collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
-    return kept, near.within(*_workspace(snapshot))
+    return kept, near.within(*_workspace(snapshot)), error
 
 
 def _real_points(part: PointSet, size: float) -> Array:
@@ -324,6 +340,11 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
         f"that is more than {least:g} m and noise: calibrate the cameras"
         for each in (() if environment is None else environment.disagreements)
     ]
+    if environment is not None and environment.error:
+        notes.append(
+            f"a cloud shows the robot {environment.error:.1g} m from where its joints say, and "
+            "motions keep that much beyond collision_margin from all things: calibrate the cameras"
+        )
     if environment is not None and environment.sparse > _SPARSE_SHARE:
         notes.append(
             f"points are so far apart that {environment.sparse:.0%} of the largest surface in "

@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 import trimesh
+from helpers.fakes import TABLE
+from helpers.snapshots import yumi_snapshot
 
 from placement_planner_ros.pictures.shapes import RobotShapes
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.self_filter import Outline
+from placement_planner_ros.ros.run.preparation import make_planner
+from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
 
 ROBOT = load_yumi()
@@ -45,11 +49,18 @@ def test_what_is_true_or_off_by_more_is_left_as_it_is():
 
 def test_a_board_beside_the_arm_is_not_its_surface():
     """It hides all that it is in front of, and is nearer than a camera may be off."""
-    look = OUTLINE.look(seen(0.0, 0.0))
-    link = "yumi_body"
-    body = seen(0.0, 0.0, links=[link])
+    body = seen(0.0, 0.0, links=["yumi_body"])
     flat = body[np.abs(body[:, 0] - body[:, 0].max()) < 0.03]
-    assert len(look.apart) > len(flat) > 0
+    assert len(flat)
     board = flat * (0.0, 1.0, 1.0) + (body[:, 0].max() + 0.004, 0.0, 0.0)
     assert not camera_shift(OUTLINE, board).any()
     assert not camera_shift(OUTLINE, np.vstack([seen(0.0), board])).any()
+
+
+@pytest.mark.parametrize(("shift", "error"), [((0.0035, 0.0, 0.0), 0.0035), (0.0, 0.0)])
+def test_motions_keep_as_much_more_from_what_may_be_off(shift, error):
+    snapshot = yumi_snapshot(("left",), (np.vstack([TABLE, seen(shift)]),))
+    planner = make_planner(snapshot, Surroundings.of(snapshot).environment())
+    holding, *_ = planner.holdings.values()
+    kept = holding.collision.settings.obstacle_margin
+    assert kept == pytest.approx(0.003 + error, abs=6e-4)

@@ -62,24 +62,11 @@ def cuts(snapshot, placement, rod, T_rod):
         q[arm.q_index] = positions
         T_object = snapshot.robot.link_pose(q, arm.tip_frame) * arm.grasps[placement.goal.grasp]
         things = [(solid.geometry, T_object) for solid in solids]
-        things += [
-            (shape.geometry, T)
-            for shape, T in zip(
-                snapshot.robot.geometry.geometryObjects,
-                snapshot.robot.geometry_poses(q),
-                strict=True,
-            )
-        ]
+        shapes, poses = snapshot.robot.geometry.geometryObjects, snapshot.robot.geometry_poses(q)
+        things += [(shape.geometry, T) for shape, T in zip(shapes, poses, strict=True)]
         for geometry, T in things:
-            result = coal.CollisionResult()
-            if coal.collide(
-                geometry,
-                coal.Transform3s(T.rotation, T.translation),
-                rod,
-                T_rod,
-                coal.CollisionRequest(),
-                result,
-            ):
+            at, result = coal.Transform3s(T.rotation, T.translation), coal.CollisionResult()
+            if coal.collide(geometry, at, rod, T_rod, coal.CollisionRequest(), result):
                 return True
     return False
 
