@@ -53,6 +53,8 @@ def sort_into_cells(
     """A counting sort of those (n, 3) points that are finite and within the bounds, both ends
     included: the fields of `Bins`; of these, `number_at` (nx, ny, nz), all 0, is filled."""
     nx, ny, nz = number_at.shape
+    # read once: writing into arrays might change others, for all that the compiler knows
+    (x0, y0, z0), (x1, y1, z1), (ox, oy, oz) = lower, upper, origin
     # how many points each cell holds; `cell_of` remembers which
     n = len(points)
     cell_of = np.empty(n, np.int32)
@@ -62,15 +64,13 @@ def sort_into_cells(
     first_z = nz
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if not (
-            lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]
-        ):  # also where a coordinate is NaN
+        if not (x0 <= x <= x1 and y0 <= y <= y1 and z0 <= z <= z1):  # also where one is NaN
             cell_of[i] = -1
             continue
         # its cell, the last one where it lies on the grid's upper face
-        ix = min(int((x - origin[0]) / cell_size), nx - 1)
-        iy = min(int((y - origin[1]) / cell_size), ny - 1)
-        iz = min(int((z - origin[2]) / cell_size), nz - 1)
+        ix = min(int((x - ox) / cell_size), nx - 1)
+        iy = min(int((y - oy) / cell_size), ny - 1)
+        iz = min(int((z - oz) / cell_size), nz - 1)
         cell = (ix * ny + iy) * nz + iz
         cell_of[i] = cell
         kept += 1
@@ -101,9 +101,10 @@ def sort_into_cells(
     for i in range(n):
         if cell_of[i] >= 0:
             row = flat[cell_of[i]] - 1
-            for a in range(3):
-                kept_points[fill[row], a] = points[i, a]
+            to = fill[row]
             fill[row] += 1
+            for a in range(3):
+                kept_points[to, a] = points[i, a]
     return kept_points, start, cells
 
 
@@ -251,58 +252,31 @@ def boxes_of_cells(
     )
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def _one_surface(
-    lower: Array,
-    upper: Array,
-    p: int,
-    q: int,
-    axis: int,
-    skin: float,
-    cell_size: float,
-    thick: bool,
-) -> bool:
-    """Whether boxes p and q, neighbours along `axis`, belong to one surface that p goes on along.
-
-    Either both are flat in the same other direction and at one level, or both overlap (nearly) in
-    both other directions and p is `thick` along `axis`, no thin sheet across it.
-    """
-    b, c = (axis + 1) % 3, (axis + 2) % 3
-    # how far apart they are in the other directions, negative where they overlap
-    gap_b = max(lower[p, b] - upper[q, b], lower[q, b] - upper[p, b])
-    gap_c = max(lower[p, c] - upper[q, c], lower[q, c] - upper[p, c])
-    overlap = thick
-    for turn in range(2):
-        flat, level, along = (b, gap_b, gap_c) if turn == 0 else (c, gap_c, gap_b)
-        size_p, size_q = upper[p, flat] - lower[p, flat], upper[q, flat] - lower[q, flat]
-        # both flat in this direction, at one level, and near in the other
-        if max(size_p, size_q) <= 2.0 * skin and level <= skin and along <= 0.5 * cell_size:
-            return True
-        # else they must (nearly) overlap in this direction
-        overlap = overlap and level <= max(skin, 0.25 * min(size_p, size_q))
-    return overlap
-
-
 @njit(cache=True, nogil=True)
 def close_gaps(
     boxes: CellBoxes, number_at: Index32, origin: Array, cell_size: float, skin: float
 ) -> tuple[Array, Array]:
     """Extend boxes of one surface in neighbouring cells to the face between these cells.
 
+    Neighbours along an axis are of one surface where both are flat in the same other direction and
+    at one level, or where they overlap (nearly) in both other directions and the box is thick along
+    the axis, no thin sheet across it.
+
     Returns:
         (m, 3), (m, 3) new lower and upper corners. A side without neighbour is left as measured.
     """
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
-    shape = number_at.shape
+    shape, thin, half = number_at.shape, 2.0 * skin, 0.5 * cell_size
     new_lower, new_upper = lower.copy(), upper.copy()
     cell = np.empty(3, np.int64)
     for p in range(len(cells)):
         for axis in range(3):
             b, c = (axis + 1) % 3, (axis + 2) % 3
+            low_b, high_b, low_c, high_c = lower[p, b], upper[p, b], lower[p, c], upper[p, c]
+            size_b, size_c = high_b - low_b, high_c - low_c
             # across a thin sheet goes on what is flat in another direction, too, or nothing
             thick = upper[p, axis] - lower[p, axis] > 0.2 * cell_size
-            narrow = min(upper[p, b] - lower[p, b], upper[p, c] - lower[p, c]) <= 2.0 * skin
-            if not (thick or narrow):
+            if not (thick or min(size_b, size_c) <= thin):
                 continue
             for side in range(-1, 2, 2):
                 # the face on that side and the cell behind it
@@ -320,7 +294,20 @@ def close_gaps(
                     # any box of that cell that is of the same surface closes the gap
                     q = number_at[cell[0], cell[1], cell[2]] - 1
                     while q >= 0 and not closed:
-                        closed = _one_surface(lower, upper, p, q, axis, skin, cell_size, thick)
+                        other_b, other_c = upper[q, b] - lower[q, b], upper[q, c] - lower[q, c]
+                        # how far apart they are in both, negative where they overlap
+                        gap_b = max(low_b - upper[q, b], lower[q, b] - high_b)
+                        gap_c = max(low_c - upper[q, c], lower[q, c] - high_c)
+                        # both flat in one direction, at one level, and near in the other
+                        closed = (
+                            max(size_b, other_b) <= thin and gap_b <= skin and gap_c <= half
+                        ) or (max(size_c, other_c) <= thin and gap_c <= skin and gap_b <= half)
+                        # or overlapping in both
+                        closed = closed or (
+                            thick
+                            and gap_b <= max(skin, 0.25 * min(size_b, other_b))
+                            and gap_c <= max(skin, 0.25 * min(size_c, other_c))
+                        )
                         q = boxes.next[q]
                     if closed:
                         break

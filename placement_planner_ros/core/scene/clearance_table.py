@@ -325,14 +325,16 @@ def _fill_slices(
                 entering[count] = k
                 count += 1
         hand_on_nearest(elements[:ended], entering[:count], near, who)
+        low = faces[s]
         for i in range(nx):
+            nearest, away = who[first[0] + i, first[1] :], near[first[0] + i, first[1] :]
+            row = values[s, i]
             for j in range(ny):
-                k = who[first[0] + i, first[1] + j]
+                k = nearest[j]
                 if k < 0:
                     continue
-                if bottom[k] <= faces[s]:  # none of it is above
-                    distance = min(near[first[0] + i, first[1] + j] * pixel, values[s, i, j, 0])
-                    values[s, i, j, 0] = values[s, i, j, 1] = distance
+                if bottom[k] <= low:  # none of it is above
+                    row[j, 0] = row[j, 1] = min(away[j] * pixel, row[j, 0])
                     continue
                 # sideways from the pixel to its run
                 dx = (elements[k, 0] - i - first[0]) * pixel
@@ -341,4 +343,4 @@ def _fill_slices(
                     # and up to where that begins, if it is above
                     up = max(bottom[k] - faces[s + face], 0.0)
                     distance = np.float32(math.sqrt(dx * dx + dy * dy + up * up))
-                    values[s, i, j, face] = min(distance, values[s, i, j, face])
+                    row[j, face] = min(distance, row[j, face])

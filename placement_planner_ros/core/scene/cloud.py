@@ -167,21 +167,18 @@ def _thin_evenly(
     extents[:, 0], extents[:, 1] = np.inf, -np.inf
     known, number_at = np.empty((n, 3), np.int32), np.zeros(slots, np.int32)
     cell_of, count = np.full(n, np.int32(-1)), np.empty(n, np.int32)
-    cells = slot = 0
+    cells = row = 0
     last = (0, 0, 0)
+    (x0, y0, z0), (x1, y1, z1) = within
     # which cell each point is of, and how many each has
     for p in range(n):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         if not math.isfinite(x + y + z):
             continue
         finite += 1
-        inside = (
-            within[0, 0] <= x <= within[1, 0]
-            and within[0, 1] <= y <= within[1, 1]
-            and within[0, 2] <= z <= within[1, 2]
-        )
-        for a, value in ((0, x), (1, y), (2, z)):
-            for which in range(1 + inside):
+        inside = x0 <= x <= x1 and y0 <= y <= y1 and z0 <= z <= z1
+        for which in range(1 + inside):
+            for a, value in ((0, x), (1, y), (2, z)):
                 extents[which, 0, a] = min(extents[which, 0, a], value)
                 extents[which, 1, a] = max(extents[which, 1, a], value)
         if not inside:
@@ -190,13 +187,14 @@ def _thin_evenly(
         if cell != last or cells == 0:  # neighbours are mostly of one cell
             slot = _slot_of(known, number_at, cell)
             last = cell
-        if number_at[slot] == 0:
-            known[cells, 0], known[cells, 1], known[cells, 2] = cell
-            count[cells] = 0
-            cells += 1
-            number_at[slot] = cells
-        cell_of[p] = number_at[slot] - 1
-        count[cell_of[p]] += 1
+            if number_at[slot] == 0:
+                known[cells, 0], known[cells, 1], known[cells, 2] = cell
+                count[cells] = 0
+                cells += 1
+                number_at[slot] = cells
+            row = number_at[slot] - 1
+        cell_of[p] = row
+        count[row] += 1
     # how many the densest of each cell and the six beside it has: points that noise has moved out
     # of a dense cell stay as seldom as those in it
     most = count[:cells].copy()

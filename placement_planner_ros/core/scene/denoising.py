@@ -44,8 +44,9 @@ def lone_cells(bins: Bins, counts: Index, min_points: int) -> Mask:
         cells = bins.cells[rows] + np.array(step) - 1
         there = within(cells, (0, 0, 0), np.subtract(bins.number_at.shape, 1))
         total[there] += of_number[bins.number_at[tuple(cells[there].T)]]
+        rows, total = (each[total < min_points] for each in (rows, total))
     lone = np.zeros(len(counts), np.bool_)
-    lone[rows[total < min_points]] = True
+    lone[rows] = True
     return lone
 
 

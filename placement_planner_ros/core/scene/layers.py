@@ -20,6 +20,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.ndimage import label, map_coordinates
 
 from placement_planner_ros.core.boxes import within
@@ -137,17 +138,8 @@ class SlopeCloud:
         places, heights = self._about
         top = rise + STEP_M + SINGLE_ROUNDING
         rows = np.flatnonzero((heights > height - band) & (heights <= top))
-        (x, y), heights = places.take(rows, axis=1), heights.take(rows)
-        i, j = (
-            ((each - first) * (1.0 / self.cell_size)).clip(0.0, many - 1.0).astype(np.int64)
-            for each, first, many in zip((x, y), corner.tolist(), columns.shape, strict=True)
-        )
-        among = columns.take(i * columns.shape[1] + j)
-        on, over = np.flatnonzero((heights <= height + band) & among), heights > rise
-        found = np.empty((len(on), 3))
-        for axis, each in enumerate((x, y, heights)):
-            found[:, axis] = each.take(on)
-        return found, np.column_stack([x[over], y[over]]).astype(np.float64), len(near)
+        limits = np.array([*corner, 1.0 / self.cell_size, height + band, rise], np.float32)
+        return *_points_in_columns(places, heights, rows, columns, limits), len(near)
 
     @cached_property
     def _about(self) -> tuple[Field, Field]:
@@ -172,6 +164,35 @@ class SlopeCloud:
             np.concatenate([none, *passed]),
             np.concatenate([none, *crossed]),
         )
+
+
+@njit(cache=True, nogil=True)
+def _points_in_columns(
+    places: Field, heights: Field, rows: Index, columns: Mask, limits: Field
+) -> tuple[Array, Array]:
+    """Of the points of those rows (k,) x, y and height (n, 3) of those in columns of cells (nx, ny)
+    up to a height, and x and y (m, 2) of those above another.
+
+    Args:
+        places, heights: (2, p) and (p,), metres.
+        limits: (5,) x and y where the columns begin, columns a metre, and the two heights.
+    """
+    nx, ny = columns.shape
+    x0, y0, per_metre, highest, rise = limits
+    on, over = np.empty((len(rows), 3)), np.empty((len(rows), 2))
+    n = m = 0
+    for row in rows:
+        x, y, z = places[0, row], places[1, row], heights[row]
+        if z > rise:
+            over[m, 0], over[m, 1] = x, y
+            m += 1
+        # its column, those at the rim beyond it
+        i = int(min(max((x - x0) * per_metre, 0.0), nx - 1.0))
+        j = int(min(max((y - y0) * per_metre, 0.0), ny - 1.0))
+        if z <= highest and columns[i, j]:
+            on[n, 0], on[n, 1], on[n, 2] = x, y, z
+            n += 1
+    return on[:n], over[:m]
 
 
 class _Sight:

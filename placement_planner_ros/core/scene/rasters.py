@@ -167,8 +167,8 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
     for i in range(nx):
         for j in range(ny):
             radius = distance[i, j]
-            if radius < 1.0:
-                continue  # it covers no other
+            if radius < 1.0 or radius > most + 2.0:
+                continue  # it covers no other, or nothing near it is nearer to a point
             # what lies in a neighbour's disc is covered by that one; far out only the rim counts
             needed = radius < most
             for m in range(max(i - 1, 0), min(i + 2, nx)):
@@ -186,8 +186,9 @@ def widest_empty_disc(distance: Field, greatest: float) -> Field:
             radius = min(radius, most)
             for m in range(max(i - int(radius), 0), min(i + int(radius) + 1, nx)):
                 half = int(math.sqrt(radius * radius - (m - i) * (m - i)))
-                for n in range(max(j - half, 0), min(j + half + 1, ny)):
-                    widest[m, n] = max(widest[m, n], radius)
+                covered = widest[m, max(j - half, 0) : j + half + 1]
+                for n in range(len(covered)):  # many at once
+                    covered[n] = max(covered[n], radius)
     return widest
 
 
