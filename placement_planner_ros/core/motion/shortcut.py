@@ -22,9 +22,9 @@ def shorten_path(
     path: Array,
     edge_is_free: Callable[[Array, Array], bool],
     rng: np.random.Generator,
-    attempts: int = 100,
+    attempts: int = 50,
     should_stop: Callable[[], bool] = lambda: False,
-    tries: int = 4,
+    tries: int = 2,
     constraint: Constraint | None = None,
 ) -> Array:
     """Shorten a path by straight shortcuts between points on it, never making it longer.

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -250,7 +252,7 @@ def _path_grid(curve: PPoly, refinement: int) -> Array:
     breaks = curve.x
     turns = np.linalg.norm(np.diff(curve(breaks, 1), axis=0), axis=1)
     shares = np.diff(breaks) / breaks[-1]
-    counts = refinement * (3 + (40.0 * shares).astype(int) + (4.0 * turns).astype(int))
+    counts = refinement * (2 + (20.0 * shares).astype(int) + (4.0 * turns).astype(int))
     # Evenly within each piece.
     ends = zip(pairwise(breaks), counts.tolist(), strict=True)
     pieces = [np.linspace(a, b, count + 1)[1:] for (a, b), count in ends]
@@ -261,7 +263,7 @@ def _fastest_profile(
     curve: PPoly, grid: Array, limits: Array, carried: CarriedPoint | None
 ) -> tuple[Array, Array, Array] | None:
     """Times, path positions and path speeds (k,) of the time-optimal motion from rest to rest."""
-    constraints = [JointVelocityConstraint(limits[0]), JointAccelerationConstraint(limits[1])]
+    constraints = [*_joint_constraints(limits.tobytes())]
     if carried is not None:
         constraints.append(PointAccelerationConstraint(carried))
     # Speeds at the grid points, as fast as the limits allow.
@@ -274,6 +276,13 @@ def _fastest_profile(
     if not (mean > 0.0).all():
         return None
     return np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)]), grid, np.asarray(speed)
+
+
+@lru_cache
+def _joint_constraints(limits: bytes) -> tuple[Any, ...]:
+    """For limits (2, dof) as toppra has them, which take as long to make as to use."""
+    velocity, acceleration = np.frombuffer(limits).reshape(2, -1)
+    return JointVelocityConstraint(velocity), JointAccelerationConstraint(acceleration)
 
 
 def _averaged_position(

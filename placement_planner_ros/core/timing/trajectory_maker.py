@@ -42,7 +42,7 @@ class TimingSettings(Settings):
         "the limit that `joint_limits` states, and those that slide to 0.5.",
     )
     approach_scaling: float = setting(0.25, "(0, 1]")
-    shortcut_attempts: int = setting(100, "[0, inf)")
+    shortcut_attempts: int = setting(50, "[0, inf)")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
