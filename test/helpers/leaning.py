@@ -85,8 +85,8 @@ def leaning_poses(contact, rng, most, tries=300):
     return found
 
 
-def _floor(end=0.9):
-    return box("floor", (-0.1, -0.7, -0.1), (end, 0.7, 0.0), GREY)
+def _floor(end=0.9, top=0.0):
+    return box("floor", (-0.1, -0.7, -0.1), (end, 0.7, top), GREY)
 
 
 def _wall(x=0.7, height=0.5, low=-0.6, high=0.6):
@@ -165,7 +165,7 @@ def situations(seed):
             "plate", False, trimesh.creation.cylinder(0.1, draw(0.006, 0.01), sections=48), plain
         ),
         LeanSituation("low wall", False, tray(), (_floor(), _wall(height=draw(0.03, 0.06)))),
-        LeanSituation("no wall", False, book(), (_floor(),)),
+        LeanSituation("no wall", False, book(), (_floor(0.6, 0.01),)),
         LeanSituation("wall beyond a gap", False, book(), (_floor(0.5), _wall())),
         LeanSituation("steep", False, book(), (_floor(), _askew(draw(24.0, 30.0)))),
         LeanSituation(

@@ -32,6 +32,7 @@ from placement_planner_ros.core.contacts.lean_features import (
 )
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.scene.rasters import TILE_M
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD, Wall
@@ -70,8 +71,9 @@ class LeanContact:
         self._heights = distinct_heights(problem.environment.regions, footing.contact_tolerance)
         self._strips = Strips(problem.environment, self._heights, footing)
         tolerance, lowest = footing.contact_tolerance, min(self._heights, default=math.inf)
-        # what ends at a surface is that surface's own side
-        self._walls = [w for w in problem.environment.walls if w.top > lowest + tolerance]
+        # what ends at a surface, to half a tile, is that surface's own side
+        above = lowest + tolerance + 0.5 * TILE_M
+        self._walls = [w for w in problem.environment.walls if w.top > above]
         self._behind = functools.cache(
             lambda wall: self._walls[wall].is_behind(problem.environment.obstacles, tolerance)
         )
