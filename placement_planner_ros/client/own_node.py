@@ -39,7 +39,8 @@ class OwnNode:
         self._thread.start()
 
     def _survive(self, error: Exception) -> None:
-        self.node.get_logger().error(f"a message was dropped: {type(error).__name__}: {error}")
+        if self._context.ok():  # else a signal has ended it, and no message was dropped
+            self.node.get_logger().error(f"a message was dropped: {type(error).__name__}: {error}")
 
     def close(self) -> None:
         """Spin no more."""
@@ -48,4 +49,4 @@ class OwnNode:
         self._thread.join()
         self._executor.shutdown()
         self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        self._context.try_shutdown()  # a signal may have done so

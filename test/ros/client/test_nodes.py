@@ -83,8 +83,8 @@ def test_a_node_that_nobody_spins_is_said(fed, monkeypatch):
         node.destroy_node()
 
 
-@pytest.mark.parametrize("closing", ["", "planner.close(); planner.close()"])
-def test_python_ends_well_whether_a_client_was_closed_or_not(closing):
+@pytest.mark.parametrize("ending", ["", "planner.close();" * 2, "planner._own._context.shutdown()"])
+def test_python_ends_well_whether_a_client_was_closed_or_not(ending):
     lines = (
         "from placement_planner_ros.client import PlacementClient, PlacementError",
         "planner = PlacementClient()",
@@ -92,7 +92,7 @@ def test_python_ends_well_whether_a_client_was_closed_or_not(closing):
         "    planner.wait_until_ready(0.2)",
         "except PlacementError as error:",
         "    print(error.code)",
-        closing,
+        ending,
     )
     command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
