@@ -147,10 +147,8 @@ class Environment:
         cells = np.floor((points - self.obstacles.origin) / self.obstacles.cell_size)
         # what is cleaned of noise may come to lie a layer higher or lower
         around = np.unique(cells, axis=0)[:, None] + [(0, 0, -1), (0, 0, 0), (0, 0, 1)]
-        return self._changed(
-            disagreements=tuple(found),
-            obstacles=self.obstacles.without_footing(around.reshape(-1, 3)),
-        )
+        without = self.obstacles.without_footing(around.reshape(-1, 3))
+        return self._changed(disagreements=tuple(found), obstacles=without)
 
     def obstacles_of(self, arm: str, grasp: int) -> tuple[ObstacleSet, ObstacleSet | None]:
         """The obstacle set for an arm with the object in one of its grasps; and of that what `near`

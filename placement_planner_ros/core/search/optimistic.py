@@ -41,6 +41,10 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Index, Verdict
 
 
+_SAMPLES_A_TRY = 20
+"""Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
+
+
 @dataclass(frozen=True, slots=True)
 class OptimisticSettings(SamplerSettings):
     """Budgets, and how much is looked at before and beside the best cells.
@@ -123,7 +127,11 @@ class OptimisticSampler(BatchSampler):
         """What promises most for its cost first; as drawn until something is found, and while goals
         wait for their motion: then whatever is easier to reach is welcome."""
         cells, first = self._drawn, 0
-        while len(rows):
+        # Once there is a placement, tries take no longer than samples, but while goals wait; what
+        # is left is filed with the others.
+        tries = len(rows) if best == -np.inf else 1 + len(cells) // _SAMPLES_A_TRY
+        while len(rows) and (tries > 0 or self._waiting):
+            tries -= 1
             if not self._waiting:
                 promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
                 first = int(promise.argmax())
@@ -141,7 +149,7 @@ class OptimisticSampler(BatchSampler):
             self._waiting.append((float(outcome.values[row]), cells[row].copy()))
         self._model.learn(cells, verdicts, outcome.values)
         # A cell too small to be split is split nevertheless if what is better there is not reached.
-        missed = (verdicts > Verdict.NOT_BETTER) & (verdicts < Verdict.FEASIBLE)
+        missed = (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _graded(self, count: int) -> tuple[Cells, Array]:

@@ -193,10 +193,9 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
     held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
     # each cloud is moved to where the robot that it shows is
-    shifts = [camera_shift(robot, each) for each in clouds]
-    moved = (each - shift for each, shift in zip(clouds, shifts, strict=True))
-    points = np.vstack([np.zeros((0, 3)), *moved])
-    error = max((float(np.linalg.norm(shift)) for shift in shifts), default=0.0)
+    shifts = np.reshape([camera_shift(robot, each) for each in clouds], (-1, 3))
+    points = np.vstack([np.zeros((0, 3)), *map(np.subtract, clouds, shifts)])
+    error = float(np.linalg.norm(shifts, axis=1).max(initial=0.0))
     clear = settings_with(parameters, error).collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot)), error
