@@ -40,7 +40,6 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-
 _SAMPLES_A_TRY = 20
 """Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
 

@@ -30,11 +30,7 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import LISTED, announced, make_arm, require_known
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import (
-    environment_notes,
-    require_grid,
-    settings_with,
-)
+from placement_planner_ros.ros.run.surroundings import environment_notes, require_grid, settings_for
 
 Made = TypeVar("Made")
 
@@ -180,7 +176,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     """
     robot, arms, q, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
     parameters, error = snapshot.parameters, 0.0 if environment is None else environment.error
-    settings = settings_with(parameters, error)
+    settings = settings_for(parameters, error)
     keep_out = parameters["keep_out"]
     rules = StartRules(
         settings.collision,

@@ -164,7 +164,7 @@ class Surroundings:
         """
         snapshot, parameters = self.snapshot, self.snapshot.parameters
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
-        margin = settings_with(parameters, self.error).collision.obstacle_margin
+        margin = settings_for(parameters, self.error).collision.obstacle_margin
         around = max(parameters["self_filter.padding"], margin)
         # what no sensor saw is occupied, but around robot and object, which would start in it
         made = self.scene() if scene is None else scene
@@ -178,7 +178,7 @@ class Surroundings:
         return made.with_disagreements(self.disagreements).with_near(self.near, self.error)
 
 
-def settings_with(parameters: ParameterSet, error: float) -> PlannerSettings:
+def settings_for(parameters: ParameterSet, error: float) -> PlannerSettings:
     """The planner's settings where obstacles may be off by so many metres."""
     settings = parameters.planner_settings
     return replace(settings, collision=replace(settings.collision, obstacle_error=error))
@@ -196,7 +196,7 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     shifts = np.reshape([camera_shift(robot, each) for each in clouds], (-1, 3))
     points = np.vstack([np.zeros((0, 3)), *map(np.subtract, clouds, shifts)])
     error = float(np.linalg.norm(shifts, axis=1).max(initial=0.0))
-    clear = settings_with(parameters, error).collision.clear
+    clear = settings_for(parameters, error).collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot)), error
 
