@@ -334,7 +334,7 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
     if environment is not None and environment.error > margin:
         notes.append(
             f"a cloud shows the robot {environment.error:.2g} m from where its joints say, and "
-            f"what that sensor alone sees may be as far off, collision_margin is {margin:g} m: "
+            f"what that sensor alone sees may be as far off; collision_margin is {margin:g} m: "
             "calibrate the sensor, or set collision_margin to more than that"
         )
     if environment is not None and environment.sparse > _SPARSE_SHARE:
