@@ -33,7 +33,7 @@ FEWEST_INSIDE = 20
 """Points inside solids from which on they tell how well is measured, or on one, how it is held; and
 of those around a point that tell where the surface is."""
 CROWD = 4
-"""Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
+"""Times the fewest points of a thing; sparse clouds have fewer around a point, in the median."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,11 +227,11 @@ def near_points(
     beside_held = np.zeros(len(points), np.bool_)
     for look in of_grasps.values():
         beside_held |= look.padded
-    tree = cKDTree(points[of_robot.padded | beside_held])
+    beside = points[of_robot.padded | beside_held]
 
-    # single points among many others are errors of the sensor
+    # single points are errors of the sensor
     def things(others: Mask) -> Array:
-        return _not_alone(points[others], tree, grid)
+        return _not_alone(points[others], beside, grid)
 
     # the object is held so that most points lie on it, if enough do to tell
     nothing = FilteredPoints.nothing(len(points))
@@ -254,16 +254,21 @@ def near_points(
     return kept, NearPoints(common, aside, int((~kept).sum()))
 
 
-def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:
-    """Those of points (n, 3) that have others of them around, or few points of any kind."""
+def _not_alone(points: Array, everything: Array, grid: GridSettings) -> Array:
+    """Those of points (n, 3) that have others of them around; all where everything (m, 3) is
+    sparse."""
     if not len(points):
         return points
-    # so many of them, and so many of any kind, lie within a cell of each
-    together, around = (
-        tree.query_ball_point(points, grid.cell_size, return_length=True)
-        for tree in (cKDTree(points), everything)
-    )
-    return points[(together >= grid.min_points) | (around < CROWD * grid.min_points)]
+    # so many of them, and so many of any kind, lie within a cell of each, or of some
+    together = _around(points, points, grid)
+    sparse = np.median(_around(some_of(everything), everything, grid)) < CROWD * grid.min_points
+    return points[(together >= grid.min_points) | sparse]
+
+
+def _around(points: Array, others: Array, grid: GridSettings) -> Index:
+    """(n,) how many of the others (m, 3) lie within a cell's edge of each of the points (n, 3)."""
+    found = cKDTree(others).query_ball_point(points, grid.cell_size, return_length=True)
+    return np.asarray(found)
 
 
 def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
