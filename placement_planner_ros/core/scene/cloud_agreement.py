@@ -116,14 +116,15 @@ def disagreements(
         doubt = 3.0 * np.hypot(first.error[a], second.error[b])
         together = abs(times[i] - times[j]) <= _TOGETHER_S
         for way in (1.0, -1.0):
-            apart = way * higher > tolerance + doubt
-            apart &= _in_patches(first.columns[a], apart)
-            if not apart.any() or not (together or apart.mean() > 0.5):
+            differs = way * higher > tolerance + doubt
+            apart = differs & _in_patches(first.columns[a], differs)
+            if not apart.any() or not (together or differs.mean() > 0.5):
                 continue
-            deep = apart & (np.abs(higher) > max(tolerance, STEP_M) + doubt)
+            deep = np.abs(higher) > max(tolerance, STEP_M) + doubt
             where = [clouds[i], clouds[j]]
-            if deep.mean() <= 0.5:  # else also what one of them alone sees is off
-                where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
+            if (differs & deep).mean() <= 0.5:  # else also what one of them alone sees is off
+                rows = a[apart & deep], b[apart & deep]
+                where = [clouds[i][first.points(rows[0])], clouds[j][second.points(rows[1])]]
             height = float(np.median(higher[apart]))
             found.append(Disagreement(names[i], names[j], height, np.vstack(where)))
     return found
