@@ -97,7 +97,7 @@ def test_planned_motions_that_cut_the_board_are_told_of_with_the_remedy_which_sp
     spared = list(first_placements(below, objective))
     assert len(spared) == 8
     assert not any(cuts_the_board(inputs, each) for each in spared)
-    parameters = {"unknown_space": "free", "contact_tolerance": 0.003, "collision_margin": 0.005}
+    parameters = {"unknown_space": "free", "contact_tolerance": 0.003}
     asked = SimpleNamespace(parameters=parameters, parts=())
     (note,) = environment_notes(asked, problem.environment)
     assert "unknown_space to occupied_below, or keep_out" in note

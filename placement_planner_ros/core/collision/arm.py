@@ -58,6 +58,7 @@ class CollisionSettings(Settings):
     """Distances to keep.
 
     Attributes:
+        obstacle_error: how far obstacles may be from where they were measured.
         self_margin: links and object from each other.
         planning_reserve: what planning keeps beyond both margins, so that a motion can still be
             certified when it is rounded and timed; pass it as `reserve`.
@@ -79,6 +80,7 @@ class CollisionSettings(Settings):
         "m",
         "Surface within this distance of the contact plane supports the object.",
     )
+    obstacle_error: float = setting(0.0, "[0, 0.1]", "m")
     self_margin: float = setting(0.0, "[0, 0.1]", "m")
     planning_reserve: float = setting(0.001, "[0, 0.1]", "m")
     approach_stray: float = setting(0.0002, "[0, 0.1]", "m")
@@ -88,9 +90,14 @@ class CollisionSettings(Settings):
     cover_excess: float = setting(0.02, "[0.001, 0.1]", "m")
 
     @property
+    def obstacle_margin(self) -> float:
+        """Metres to keep from obstacles as they were measured."""
+        return self.collision_margin + self.obstacle_error
+
+    @property
     def clear(self) -> float:
         """Metres from obstacles at which it is certain that `can_be_left`."""
-        kept = self.collision_margin + self.planning_reserve + self.edge_resolution
+        kept = self.obstacle_margin + self.planning_reserve + self.edge_resolution
         return kept + 2.0 * BOUND_TOLERANCE_M
 
 
@@ -333,7 +340,7 @@ class ArmCollision:
     def _margins(self, reserve: float, contact: bool) -> KeptMargins:
         settings = self.settings
         kept = min(reserve, settings.self_reserve)
-        margins = settings.collision_margin + reserve, settings.self_margin + kept
+        margins = settings.obstacle_margin + reserve, settings.self_margin + kept
         return KeptMargins(*margins, contact)
 
     def _ball_in_box(self, node: int) -> tuple[int, int]:

@@ -22,7 +22,7 @@ _WAY_STEP_M = 0.002
 class ObjectCollision:
     """The object against the obstacle set, its support excepted.
 
-    What must keep `collision_margin` and `approach_stray` from every box is the object swept
+    What must keep `obstacle_margin` and `approach_stray` from every box is the object swept
     straight down, from raised to rest: convex pieces as the hull of both copies, all others as the
     triangles they have. Boxes whose top lies within `contact_tolerance` of the contact plane are
     support, wherever they are. Where the plane slopes, that of a box's points counts that reaches
@@ -33,7 +33,7 @@ class ObjectCollision:
     Args:
         body: the object.
         obstacles: the environment.
-        settings: `collision_margin`, `approach_stray` and `contact_tolerance` are used.
+        settings: `obstacle_margin`, `approach_stray` and `contact_tolerance` are used.
         overhangs: what lies beneath the object need not be farther away by the stray, which is
             sideways. The sides of a support that is smaller than the object lie in cells there.
     """
@@ -47,7 +47,7 @@ class ObjectCollision:
         overhangs: bool = False,
     ) -> None:
         self.settings = settings or CollisionSettings()
-        self._beneath = self.settings.collision_margin - ROUNDING if overhangs else math.inf
+        self._beneath = self.settings.obstacle_margin - ROUNDING if overhangs else math.inf
         self._obstacles = obstacles
         self._boxes: dict[Slope, BoxArrays] = {}
         self._object, self._scratch = swept_object(body, len(obstacles))
@@ -83,7 +83,7 @@ class ObjectCollision:
         poses = kernel_input(T_world_object).reshape(-1, 4, 4)
         contact = np.array(np.broadcast_to(contact_height, len(poses)), dtype=np.float64)
         raised = np.array(np.broadcast_to(raise_height, len(poses)), dtype=np.float64)
-        margin = self.settings.collision_margin + self.settings.approach_stray
+        margin = self.settings.obstacle_margin + self.settings.approach_stray
         return self._free(SweptPoses(poses, contact, raised), self._boxes_on(slope), margin)
 
     def free_along(
@@ -105,7 +105,7 @@ class ObjectCollision:
         steps = math.ceil(length / _WAY_STEP_M)
         poses = np.repeat(kernel_input(T_world_object)[None], steps + 1, axis=0)
         poses[:, :3, 3] += np.linspace(0.0, length, steps + 1)[:, None] * direction
-        margin = self.settings.collision_margin + self.settings.approach_stray
+        margin = self.settings.obstacle_margin + self.settings.approach_stray
         margin += 0.5 * length / steps if steps else 0.0
         still = np.zeros(steps + 1)
         # Where it rests is looked at first: most that meet something do there.

@@ -297,7 +297,8 @@ class StartState:
 
     def _met_boxes(self, things: list[_Thing], obstacles: ObstacleSet | None) -> Fault | None:
         """Which of the things meets the environment, or comes nearer than its margin."""
-        margin = self._rules.collision.collision_margin
+        settings = self._rules.collision
+        margin, error = settings.obstacle_margin, settings.obstacle_error
         if obstacles is None:
             return None
         boxes = obstacles.lower, obstacles.upper
@@ -305,7 +306,9 @@ class StartState:
         touching = self._first_met(*boxes, things, 0.0) if met else ""
         if touching:
             return Fault(f"{WITH_CLOUDS}: {touching}", (MOVE_ROBOT, FILTER_ITSELF))
-        within = f"{met}, nearer than collision_margin = {margin:g} m without touching it"
+        within = f"{met}, nearer than collision_margin = {settings.collision_margin:g} m"
+        within += f" and {error:.2g} m by which cameras are off" if error else ""
+        within += " without touching it"
         remedies = "lower collision_margin", MOVE_ROBOT, FILTER_ITSELF
         return Fault(f"{WITH_CLOUDS}: {within}", remedies) if met else None
 

@@ -164,8 +164,6 @@ def _nearest_heights(of: Array, among: Array) -> Index:
 
 def _in_patches(columns: Index, which: Mask) -> Mask:
     """(n,) those of some columns (n, 2) that are of a square of three by three, 6 cm wide."""
-    if not which.any():
-        return which
     at = columns - columns.min(axis=0)
     grid = np.zeros(at.max(axis=0) + 1, np.bool_)
     grid[tuple(at[which].T)] = True

@@ -24,7 +24,7 @@ from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.patience import LOOK_S, REST_S, STOP_PATIENCE_S
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs
+from placement_planner_ros.ros.run.surroundings import Surroundings, have_same_inputs, settings_for
 from placement_planner_ros.ros.spinning import survive
 
 Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
@@ -43,7 +43,7 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> PlacementPlann
     """
     parameters, volume = snapshot.parameters, snapshot.parameters.volume
     robot, arms, q, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
-    settings, seed = parameters.planner_settings, parameters["seed"]
+    settings, seed = settings_for(parameters, environment.error), parameters["seed"]
     context = settings.context(environment, volume, body)
     return PlacementPlanner(
         Problem(robot, arms, q, body, volume, environment),

@@ -30,7 +30,7 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import LISTED, announced, make_arm, require_known
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import environment_notes, require_grid
+from placement_planner_ros.ros.run.surroundings import environment_notes, require_grid, settings_for
 
 Made = TypeVar("Made")
 
@@ -175,7 +175,8 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         PlacementPlannerError: it cannot start from q_0.
     """
     robot, arms, q, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
-    parameters, settings = snapshot.parameters, snapshot.parameters.planner_settings
+    parameters, error = snapshot.parameters, 0.0 if environment is None else environment.error
+    settings = settings_for(parameters, error)
     keep_out = parameters["keep_out"]
     rules = StartRules(
         settings.collision,

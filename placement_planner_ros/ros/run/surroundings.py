@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from placement_planner_ros.core.collision.mesh_distances import rows_in_boxes
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.cloud import STEP_M, crop_cloud, thinned
 from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
@@ -28,6 +29,7 @@ from placement_planner_ros.ros.inputs.self_filter import (
     near_points,
     outside_robot,
 )
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 _MAKE_SCENE = ("cloud.cell_size", "max_slope", "target_volume", "clearance.beyond_volume")
@@ -162,7 +164,8 @@ class Surroundings:
         """
         snapshot, parameters = self.snapshot, self.snapshot.parameters
         robot, q, arms, body = snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body
-        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        margin = settings_for(parameters, self.error).collision.obstacle_margin
+        around = max(parameters["self_filter.padding"], margin)
         # what no sensor saw is occupied, but around robot and object, which would start in it
         made = self.scene() if scene is None else scene
         if parameters["unknown_space"] != "free":
@@ -173,6 +176,12 @@ class Surroundings:
                 ),
             )
         return made.with_disagreements(self.disagreements).with_near(self.near, self.error)
+
+
+def settings_for(parameters: ParameterSet, error: float) -> PlannerSettings:
+    """The planner's settings where obstacles may be off by so many metres."""
+    settings = parameters.planner_settings
+    return replace(settings, collision=replace(settings.collision, obstacle_error=error))
 
 
 def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPoints, float]:
@@ -187,7 +196,7 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     shifts = np.reshape([camera_shift(robot, each) for each in clouds], (-1, 3))
     points = np.vstack([np.zeros((0, 3)), *map(np.subtract, clouds, shifts)])
     error = float(np.linalg.norm(shifts, axis=1).max(initial=0.0))
-    clear = parameters.planner_settings.collision.clear
+    clear = settings_for(parameters, error).collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot)), error
 
@@ -330,12 +339,10 @@ def environment_notes(snapshot: Snapshot, environment: Environment | None) -> li
         f"that is more than {least:g} m and noise: calibrate the cameras"
         for each in (() if environment is None else environment.disagreements)
     ]
-    margin = snapshot.parameters["collision_margin"]
-    if environment is not None and environment.error > margin:
+    if environment is not None and environment.error:
         notes.append(
             f"a cloud shows the robot {environment.error:.2g} m from where its joints say, and "
-            f"what that sensor alone sees may be as far off; collision_margin is {margin:g} m: "
-            "calibrate the sensor, or set collision_margin to more than that"
+            "motions keep that much beyond collision_margin from all things: calibrate the cameras"
         )
     if environment is not None and environment.sparse > _SPARSE_SHARE:
         notes.append(

@@ -14,8 +14,7 @@ VOLUME = TargetVolume([-0.2, -0.2, -0.05], [0.2, 0.2, 0.05])
 NOISE = 0.0005
 CORNERS = np.array([(x, y, 0.0) for x in (-0.04, 0.04) for y in (-0.04, 0.04)])
 SNAPSHOT = SimpleNamespace(
-    parameters={"unknown_space": "free", "contact_tolerance": 0.003, "collision_margin": 0.005},
-    parts=(),
+    parameters={"unknown_space": "free", "contact_tolerance": 0.003}, parts=()
 )
 TOLERANCE, MARGIN = 0.003, 0.003
 SENSOR = np.array([0.05, -0.1, 1.0])

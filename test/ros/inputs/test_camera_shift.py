@@ -9,7 +9,8 @@ from helpers.snapshots import yumi_snapshot
 from placement_planner_ros.pictures.shapes import RobotShapes
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.self_filter import Outline
-from placement_planner_ros.ros.run.surroundings import Surroundings, environment_notes
+from placement_planner_ros.ros.run.preparation import make_planner
+from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
 
 ROBOT = load_yumi()
@@ -56,8 +57,10 @@ def test_a_board_beside_the_arm_is_not_its_surface():
     assert not camera_shift(OUTLINE, np.vstack([seen(0.0), board])).any()
 
 
-@pytest.mark.parametrize(("shift", "told"), [((0.0, -0.003, 0.003), True), (0.0, False)])
-def test_start_tells_of_a_sensor_that_is_off_by_more_than_the_margin(shift, told):
+@pytest.mark.parametrize(("shift", "error"), [((0.0035, 0.0, 0.0), 0.0035), (0.0, 0.0)])
+def test_motions_keep_as_much_more_from_what_may_be_off(shift, error):
     snapshot = yumi_snapshot(("left",), (np.vstack([TABLE, seen(shift)]),))
-    notes = environment_notes(snapshot, Surroundings.of(snapshot).environment())
-    assert any("collision_margin is 0.003 m" in note for note in notes) == told
+    planner = make_planner(snapshot, Surroundings.of(snapshot).environment())
+    holding, *_ = planner.holdings.values()
+    kept = holding.collision.settings.obstacle_margin
+    assert kept == pytest.approx(0.003 + error, abs=6e-4)
