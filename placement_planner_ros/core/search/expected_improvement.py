@@ -44,7 +44,7 @@ _TRY_SAMPLES = 10.0
 """Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
 _PLACEMENT_SAMPLES = 2000
 """Samples whose checks take as long as what follows a goal: motion, OptimizeLocally, timing."""
-_DEEPEST = 30
+DEEPEST = 30
 """Depth of the smallest cells that are told apart by their depth: a billionth of a region."""
 
 
@@ -56,17 +56,17 @@ class ImprovementModel:
     """
 
     def __init__(self, faces: int) -> None:
-        shape = _DEEPEST + 1, len(KIND_NUMBERS)
+        shape = DEEPEST + 1, len(KIND_NUMBERS)
         # Per depth and kind of the cell above: samples, and how many of them were free.
         self._drawn, self._free = np.full(shape, 2.0), np.ones(shape)
         # Per depth: how many values are known whose cell above has one, their squared distances
         # from it, and what is typical of these; at depth 0 of all values, from their mean.
-        self._values, self._squares = np.zeros((2, _DEEPEST + 1))
-        self._spread = 0.5 ** np.arange(_DEEPEST + 1.0)
+        self._values, self._squares = np.zeros((2, DEEPEST + 1))
+        self._spread = 0.5 ** np.arange(DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        # Per kind of the cell above: tries that were expected to succeed, and how many did.
-        self._hoped, self._reached = np.ones((2, len(KIND_NUMBERS)))
+        # Per depth and kind: tries that were expected to succeed, and how many did.
+        self._hoped, self._reached = np.ones((2, *shape))
         self._nodes = np.full(faces, np.array((-1, _TRIES, 0.5 * _TRIES), dtype=_NODE))
 
     @property
@@ -84,17 +84,18 @@ class ImprovementModel:
 
     def chances(self, cells: Cells) -> Array:
         """(n,) the share of tries that reach their pose, in parts of cells (n,)."""
-        node, share = self._nodes[cells["node"]], self._reached / self._hoped
-        return np.minimum(share[cells["kind"]] * node["reached"] / node["tries"], 1.0)
+        node = self._nodes[cells["node"]]
+        share = (self._reached / self._hoped)[cells["depth"], cells["kind"]]
+        return np.minimum(share * node["reached"] / node["tries"], 1.0)
 
     def count_try(self, cell: np.void, tried: float, reached: float) -> None:
-        """Count a try in a part of a cell of which is known what `cell` says: by its kind, and in
-        its node and those above. Many in one node say little of the others, so above they count
-        ever less."""
-        number, weight = int(cell["node"]), 1.0
+        """Count a try in a part of a cell of which is known what `cell` says: by its depth and
+        kind, lest ever smaller parts are tried of what no arm reaches, and in its node and those
+        above. Many in one node say little of the others, so above they count ever less."""
+        number, of, weight = int(cell["node"]), (cell["depth"], cell["kind"]), 1.0
         node = self._nodes[number]
-        self._hoped[cell["kind"]] += tried * node["reached"] / node["tries"]
-        self._reached[cell["kind"]] += reached
+        self._hoped[of] += tried * node["reached"] / node["tries"]
+        self._reached[of] += reached
         while number >= 0:
             node = self._nodes[number]
             node["tries"] += weight * tried
@@ -106,7 +107,7 @@ class ImprovementModel:
     def learn(self, cells: Cells, verdicts: Index, values: Array) -> None:
         """Learn from the samples of cells (n,), and write into these what is known after them."""
         kinds = KINDS[verdicts]
-        depths = np.minimum(cells["depth"], _DEEPEST)
+        depths = cells["depth"]
         of = depths, cells["kind"]
         valued = kinds >= VALUED
         # How many were free.
@@ -134,7 +135,7 @@ class ImprovementModel:
         Args:
             best: ξ_best; -inf where nothing was found, so that any value above the mean adds to it.
         """
-        depths = np.minimum(cells["depth"] + 1, _DEEPEST)
+        depths = np.minimum(cells["depth"] + 1, DEEPEST)
         gain, tried = self._gain(cells, depths, best)
         # What breaks a rule by less is nearer to what breaks none.
         if self._lack > 0.0:
@@ -152,21 +153,18 @@ class ImprovementModel:
         the cell above, and (n,) how often it is free and better."""
         of = depths, cells["kind"]
         free = self._free[of] / self._drawn[of]
-        spread = self._spread[np.minimum(cells["scale"] + 1, _DEEPEST)]
+        spread = self._spread[np.minimum(cells["scale"] + 1, DEEPEST)]
         # Expected improvement, with ξ of parts normally distributed.
-        z = (cells["value"] - self._reference(best)) / spread
+        z = (cells["value"] - (best if best > -np.inf else self.mean)) / spread
         better = ndtr(z)
         gain = spread * (z * better + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
         return free * np.maximum(gain, 0.0), free * better
-
-    def _reference(self, best: float) -> float:
-        return best if best > -np.inf else self.mean
 
     def _spread_values(self) -> None:
         """Typical distance of ξ of a part from that of the cell above, of each depth; where none is
         known, half of that of larger cells."""
         known = (self._values > 1.0) & (self._squares > 0.0)
-        for depth in range(_DEEPEST + 1):
+        for depth in range(DEEPEST + 1):
             if known[depth]:
                 self._spread[depth] = np.sqrt(self._squares[depth] / self._values[depth])
             elif depth:

@@ -22,6 +22,7 @@ from placement_planner_ros.core.search.cell_layout import (
     halved_cells,
 )
 from placement_planner_ros.core.search.expected_improvement import (
+    DEEPEST,
     GRADED_CELL,
     LACKING,
     NOT_FREE,
@@ -179,7 +180,7 @@ class OptimisticSampler(BatchSampler):
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
         parts = halved_cells(self._take(best))
-        parts["depth"] += 1
+        parts["depth"] = np.minimum(parts["depth"] + 1, DEEPEST)
         parts["coarse"] = -1
         # Only where the sample was outside, unsupported or in collision.
         doubtful = parts["kind"] < LACKING
