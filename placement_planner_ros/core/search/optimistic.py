@@ -130,7 +130,7 @@ class OptimisticSampler(BatchSampler):
         # Once there is a placement, tries take no longer than samples, but while goals wait; what
         # is left is filed with the others.
         tries = len(rows) if best == -np.inf else 1 + len(cells) // _SAMPLES_A_TRY
-        while len(rows) and (tries > 0 or self._waiting):
+        while len(rows) and tries > 0:
             tries -= 1
             if not self._waiting:
                 promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
