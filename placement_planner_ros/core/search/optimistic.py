@@ -127,9 +127,9 @@ class OptimisticSampler(BatchSampler):
         """What promises most for its cost first; as drawn until something is found, and while goals
         wait for their motion: then whatever is easier to reach is welcome."""
         cells, first = self._drawn, 0
-        # Once there is a placement, tries take no longer than samples, but while goals wait; what
-        # is left is filed with the others.
-        tries = len(rows) if best == -np.inf else 1 + len(cells) // _SAMPLES_A_TRY
+        # While goals wait, tries take no longer than samples; what is left is filed with the others.
+        some = best > -np.inf and self._waiting
+        tries = 1 + len(cells) // _SAMPLES_A_TRY if some else len(rows)
         while len(rows) and tries > 0:
             tries -= 1
             if not self._waiting:
