@@ -104,14 +104,17 @@ class OptimisticSampler(BatchSampler):
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
 
     def _draw(self, best: float) -> Draws:
-        """Poses in parts of the most promising cells, and uniform ones; only these at first."""
+        """Poses in parts of the most promising cells, and uniform ones; only these at first, and
+        while goals wait for the first motion: what is best is hard to reach, what is drawn
+        evenly is as hard as it is in the mean."""
         # Goals count as reached once they, or something as good, were placed.
         for _, cell in (each for each in self._waiting if each[0] <= best):
             self._model.count_try(cell, 0.0, 1.0)
         self._waiting = [each for each in self._waiting if each[0] > best]
         share = self._settings.uniform_share
         left = self._settings.uniform_first - self.count.samples
-        parts = np.empty(0, dtype=GRADED_CELL) if left > 0 else self._open_parts(best)
+        early = left > 0 or (best == -np.inf and self._waiting)
+        parts = np.empty(0, dtype=GRADED_CELL) if early else self._open_parts(best)
         # A placement takes as long as some thousands of samples: once there is one, the rest of the
         # grading is one batch.
         count = self._budget.batch if best == -np.inf else max(self._budget.batch, left)
@@ -127,9 +130,8 @@ class OptimisticSampler(BatchSampler):
         """What promises most for its cost first; as drawn until something is found, and while goals
         wait for their motion: then whatever is easier to reach is welcome."""
         cells, first = self._drawn, 0
-        # While goals wait, tries take no longer than samples; what is left is filed with the others.
-        some = best > -np.inf and self._waiting
-        tries = 1 + len(cells) // _SAMPLES_A_TRY if some else len(rows)
+        # While goals wait, tries take no longer than samples; what is left is filed with others.
+        tries = 1 + len(cells) // _SAMPLES_A_TRY if best > -np.inf and self._waiting else len(rows)
         while len(rows) and tries > 0:
             tries -= 1
             if not self._waiting:
@@ -170,8 +172,7 @@ class OptimisticSampler(BatchSampler):
         new = self._nodes[graded] < 0
         self._nodes[graded[new]] = self._model.add_nodes(self._sets.face[sets[first[new]]])
         cells["node"] = self._nodes[cells["coarse"]]
-        cells["kind"] = NOT_FREE
-        cells["value"], cells["scale"] = self._model.mean, -1
+        cells["kind"], cells["value"], cells["scale"] = NOT_FREE, self._model.mean, -1
         return cells, poses
 
     def _open_parts(self, best: float) -> Cells:
