@@ -90,18 +90,17 @@ class ImprovementModel:
 
     def count_try(self, cell: np.void, tried: float, reached: float) -> None:
         """Count a try in a part of a cell of which is known what `cell` says: by its depth and
-        kind, lest ever smaller parts are tried of what no arm reaches, and in its node and those
-        above. Many in one node say little of the others, so above they count ever less."""
-        number, of, weight = int(cell["node"]), (cell["depth"], cell["kind"]), 1.0
+        kind, and in its node and all above, lest ever smaller parts are tried of what no arm
+        reaches."""
+        number, of = int(cell["node"]), (cell["depth"], cell["kind"])
         node = self._nodes[number]
         self._hoped[of] += tried * node["reached"] / node["tries"]
         self._reached[of] += reached
         while number >= 0:
             node = self._nodes[number]
-            node["tries"] += weight * tried
-            node["reached"] += weight * reached
+            node["tries"] += tried
+            node["reached"] += reached
             # One level up.
-            weight *= _TRIES / node["tries"]
             number = int(node["above"])
 
     def learn(self, cells: Cells, verdicts: Index, values: Array) -> None:
