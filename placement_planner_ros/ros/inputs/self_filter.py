@@ -227,11 +227,12 @@ def near_points(
     beside_held = np.zeros(len(points), np.bool_)
     for look in of_grasps.values():
         beside_held |= look.padded
-    beside = points[of_robot.padded | beside_held]
+    dense = _is_dense(points[of_robot.padded | beside_held], grid)
 
-    # single points are errors of the sensor
+    # single points are errors of the sensor, but in a sparse cloud
     def things(others: Mask) -> Array:
-        return _not_alone(points[others], beside, grid)
+        found = points[others]
+        return found[_around(found, found, grid) >= grid.min_points] if dense else found
 
     # the object is held so that most points lie on it, if enough do to tell
     nothing = FilteredPoints.nothing(len(points))
@@ -254,15 +255,11 @@ def near_points(
     return kept, NearPoints(common, aside, int((~kept).sum()))
 
 
-def _not_alone(points: Array, everything: Array, grid: GridSettings) -> Array:
-    """Those of points (n, 3) that have others of them around; all where everything (m, 3) is
-    sparse."""
+def _is_dense(points: Array, grid: GridSettings) -> bool:
+    """Whether points (n, 3) lie so close that a thing among them has several."""
     if not len(points):
-        return points
-    # so many of them, and so many of any kind, lie within a cell of each, or of some
-    together = _around(points, points, grid)
-    sparse = np.median(_around(some_of(everything), everything, grid)) < CROWD * grid.min_points
-    return points[(together >= grid.min_points) | sparse]
+        return False
+    return bool(np.median(_around(some_of(points), points, grid)) >= CROWD * grid.min_points)
 
 
 def _around(points: Array, others: Array, grid: GridSettings) -> Index:
