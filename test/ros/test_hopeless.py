@@ -21,7 +21,7 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi
 
-SAMPLES = 3000
+SAMPLES = 6000
 """After which a search that finds nothing is given up."""
 
 
@@ -138,7 +138,7 @@ def along_x(y):
     return level((0.3, 0.55), (0.0, 0.055), y, 0.004)[:, [0, 2, 1]]
 
 
-TRENCH = np.concatenate([TABLE, along_x(0.112), along_x(0.188)])
+TRENCH = np.concatenate([TABLE, along_x(0.113), along_x(0.187)])
 """Two walls between which the fingers fit, but not once they have opened."""
 
 SITUATIONS = {
