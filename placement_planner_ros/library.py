@@ -93,8 +93,7 @@ def plan(
     _require(Body, "body", body, "Body.from_mesh")
     _require(TargetVolume, "volume", volume, "TargetVolume")
     how = _options(options)
-    moving = [joint for arm in arms for joint in arm.joints]
-    q = _configuration(robot, q_start, moving)
+    q = _configuration(robot, q_start, [joint for arm in arms for joint in arm.joints])
     robot.require_plausible(q, [joint for arm in arms for joint in arm.used_joints])
     try:
         rng = np.random.default_rng(how.seed)

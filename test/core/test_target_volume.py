@@ -33,8 +33,7 @@ def test_several_boxes_are_their_union():
         np.testing.assert_array_equal(volume.lower, boxes[:, 0].min(axis=0))
         np.testing.assert_array_equal(volume.upper, boxes[:, 1].max(axis=0))
         np.testing.assert_array_equal(volume.boxes, boxes)
-        again = pickle.loads(pickle.dumps(volume))
-        assert again.same(volume)
+        assert pickle.loads(pickle.dumps(volume)).same(volume)
         for z in (*rng.uniform(0.0, 1.2, 3), 0.3):
             section = volume.section(z)
             cut = np.c_[points[:, :2], np.full(len(points), z)]

@@ -287,7 +287,7 @@ class StartState:
 
     def _met_zones(self, things: list[_Thing]) -> Fault | None:
         """Which of the things is in a box to keep out of."""
-        zones, margin = self._rules.keep_out, self._rules.collision.collision_margin
+        zones, margin = self._rules.keep_out, self._rules.collision.obstacle_margin
         met = self._first_met(zones[:, 0], zones[:, 1], things, margin) if zones is not None else ""
         if not met:
             return None

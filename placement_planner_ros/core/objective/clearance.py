@@ -68,8 +68,7 @@ class Clearance:
         # What it is at the middle of each range, and how far points move from there.
         values, _ = self._clearance(ranges.T, self._points, sign=sign)
         moved = ranges.shift + ranges.chord * self._radii(ranges)
-        pixel = max(field.pixel for field in self._fields)
-        most = sign * values + most_change(moved, pixel)
+        most = sign * values + most_change(moved, max(field.pixel for field in self._fields))
         return np.minimum(most, CAP if sign > 0.0 else 0.0)
 
     def _radii(self, ranges: PoseRanges) -> Array:

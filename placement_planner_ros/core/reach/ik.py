@@ -96,8 +96,7 @@ class InverseKinematics:
         dof = self.chain.dof
         found = np.empty((self.settings.max_sweep, dof))
         T, scratch = kernel_input(T_world_tip), ik_kernels.ik_scratch(dof)
-        count = self_motion.sweep_target(self._arm, T, kernel_input(Q), found, scratch)
-        return found[:count]
+        return found[: self_motion.sweep_target(self._arm, T, kernel_input(Q), found, scratch)]
 
     def track(self, T_world_tip: Sequence[Array] | Array, q0: Array) -> Array | None:
         """Follow poses (n, 4, 4), each close to the one before, from q0 (dof,) near the first.

@@ -64,8 +64,7 @@ class PlacedCells:
 
     def middles(self, points: Array) -> Array:
         """(n, m, 3) points (n, m, 3) of the face frame at the middle of each cell."""
-        turned = points @ self._turned.transpose(0, 2, 1)
-        return np.asarray(turned + self.contact[:, None])
+        return np.asarray(points @ self._turned.transpose(0, 2, 1) + self.contact[:, None])
 
     def strays(self, points: Array) -> Array:
         """(n, m) m, how far turning takes each point from there at most."""

@@ -115,14 +115,15 @@ def disagreements(
         higher = second.height[b] - first.height[a]
         doubt = 3.0 * np.hypot(first.error[a], second.error[b])
         together = abs(times[i] - times[j]) <= _TOGETHER_S
+        differing = np.abs(higher) > tolerance + doubt
+        deep = np.abs(higher) > max(tolerance, STEP_M) + doubt
         for way in (1.0, -1.0):
-            differs = way * higher > tolerance + doubt
+            differs = differing & (way * higher > 0.0)
             apart = differs & _in_patches(first.columns[a], differs)
-            if not apart.any() or not (together or differs.mean() > 0.5):
+            if not apart.any() or not (together or differing.mean() > 0.5):
                 continue
-            deep = np.abs(higher) > max(tolerance, STEP_M) + doubt
             where = [clouds[i], clouds[j]]
-            if (differs & deep).mean() <= 0.5:  # else also what one of them alone sees is off
+            if deep.mean() <= 0.5:  # else also what one of them alone sees is off
                 rows = a[apart & deep], b[apart & deep]
                 where = [clouds[i][first.points(rows[0])], clouds[j][second.points(rows[1])]]
             height = float(np.median(higher[apart]))

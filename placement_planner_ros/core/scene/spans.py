@@ -122,8 +122,7 @@ def _patch_hulls(
             continue
         # along the normal of the plane the foot lies elsewhere than along gravity
         shift = upright(slope)[:2, 2]
-        shifted = [corners - each * shift for each in {0.0, *footprint.heights}]
-        corners = np.concatenate(shifted)
+        corners = np.concatenate([corners - each * shift for each in {0.0, *footprint.heights}])
         yield ConvexHull(corners).equations, members
 
 

@@ -83,7 +83,7 @@ class ImprovementModel:
         return np.arange(len(self._nodes) - len(new), len(self._nodes))
 
     def chances(self, cells: Cells) -> Array:
-        """(n,) the share of tries that reach their pose, in parts of cells (n,)."""
+        """(n,) the share of tries that reach their pose, of what is known of cells (n,)."""
         node = self._nodes[cells["node"]]
         share = (self._reached / self._hoped)[cells["depth"], cells["kind"]]
         return np.minimum(share * node["reached"] / node["tries"], 1.0)

@@ -130,10 +130,9 @@ class OptimisticSampler(BatchSampler):
         """What promises most for its cost first; as drawn until something is found, and while goals
         wait for their motion: then whatever is easier to reach is welcome."""
         cells, first = self._drawn, 0
-        # While goals wait, tries take no longer than samples; what is left is filed with others.
-        tries = 1 + len(cells) // _SAMPLES_A_TRY if best > -np.inf and self._waiting else len(rows)
-        while len(rows) and tries > 0:
-            tries -= 1
+        # Once something is found tries take no longer than samples; what is left is filed.
+        tries = 1 + len(cells) // _SAMPLES_A_TRY if best > -np.inf else len(rows)
+        for _ in range(min(tries, len(rows))):
             if not self._waiting:
                 promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
                 first = int(promise.argmax())

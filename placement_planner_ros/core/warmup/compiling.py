@@ -164,8 +164,7 @@ def _pass_stages(first: int) -> None:
     task: KnownTask | None = None
     while waiting:
         try:
-            task = task or KnownTask()
-            waiting[0](task)
+            waiting[0](task or KnownTask())
         except _Elsewhere:
             waiting.rotate(-1)
             turns.give_back()

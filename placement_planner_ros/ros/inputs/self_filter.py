@@ -32,6 +32,8 @@ TAIL_PERCENT = 99.9
 FEWEST_INSIDE = 20
 """Points inside solids from which on they tell how well is measured, or on one, how it is held; and
 of those around a point that tell where the surface is."""
+_COMPANY_CELLS = 1.5
+"""Cells' edges between points of one thing: in the mean as far as the 26 cells around one reach."""
 CROWD = 4
 """Times the fewest points of a thing; sparse clouds have fewer around a point, in the median."""
 
@@ -193,6 +195,7 @@ def near_points(
     held: Mapping[tuple[str, int], Outline],
     clear: float,
     grid: GridSettings,
+    off: float = 0.0,
 ) -> tuple[Mask, NearPoints]:
     """What of a cloud is not the robot's, and what of the rest is an obstacle all the same.
 
@@ -208,12 +211,14 @@ def near_points(
         points: (n, 3) metres.
         held: of the object in each grasp.
         clear: metres, the margin and what more an arm needs to leave.
-        grid: fewer points than its `min_points` within a cell's edge are errors of the sensor.
+        grid: fewer points than its `min_points` about a cell are errors of the sensor.
+        off: metres of `clear` by which clouds may be off: where there is no room, they have none.
 
     Returns:
         (n,) which are farther away; and the obstacles among the others.
     """
     boxes = np.concatenate([outline.boxes() for outline in (robot, *held.values())])
+    boxes[:, 1] += _COMPANY_CELLS * grid.cell_size  # what is farther away keeps company, too
     around = rows_in_boxes(np.ascontiguousarray(points), boxes)  # most points are nowhere near
     kept = np.ones(len(points), np.bool_)
     points = points[around]
@@ -230,9 +235,10 @@ def near_points(
     dense = _is_dense(points[of_robot.padded | beside_held], grid)
 
     # single points are errors of the sensor, but in a sparse cloud
-    def things(others: Mask) -> Array:
+    def things(others: Mask, own: Mask) -> Array:
         found = points[others]
-        return found[_around(found, found, grid) >= grid.min_points] if dense else found
+        company = points[foreign & ~own]
+        return found[_around(found, company, grid) >= grid.min_points] if dense else found
 
     # the object is held so that most points lie on it, if enough do to tell
     nothing = FilteredPoints.nothing(len(points))
@@ -240,7 +246,9 @@ def near_points(
     error = of_robot.joined(most).error()
     # beside the robot, and not on it: an obstacle whatever is held
     foreign = ~of_robot.own(error)
-    common = _pushed(things(of_robot.padded & ~beside_held & foreign), (robot,), clear)
+    of_most = most.own(error)
+    beside_robot = things(of_robot.padded & ~beside_held & foreign, of_most)
+    common = _pushed(beside_robot, (robot,), clear, off)
     within = foreign & ~most.inside & ((most.apart <= OWN_M).sum() >= FEWEST_INSIDE)
     for look in of_grasps.values():
         within &= look.apart > error
@@ -248,9 +256,10 @@ def near_points(
     # with the object in one grasp only what lies on it there is its own
     for grasp, look in of_grasps.items():
         step("telling what is held from what is beside it")
-        others = beside_held & foreign & ~look.own(error)
-        pushed = _pushed(things(others), (robot, held[grasp]), clear)
-        aside[grasp] = np.vstack([pushed, things(within & look.inside)])
+        own = look.own(error)
+        others = things(beside_held & foreign & ~own, own)
+        pushed = _pushed(others, (robot, held[grasp]), clear, off)
+        aside[grasp] = np.vstack([pushed, things(within & look.inside, of_most)])
     kept[around] = ~(of_robot.padded | beside_held)
     return kept, NearPoints(common, aside, int((~kept).sum()))
 
@@ -263,15 +272,16 @@ def _is_dense(points: Array, grid: GridSettings) -> bool:
 
 
 def _around(points: Array, others: Array, grid: GridSettings) -> Index:
-    """(n,) how many of the others (m, 3) lie within a cell's edge of each of the points (n, 3)."""
-    found = cKDTree(others).query_ball_point(points, grid.cell_size, return_length=True)
+    """(n,) how many of the others (m, 3) lie about a cell around each of the points (n, 3)."""
+    reach = _COMPANY_CELLS * grid.cell_size
+    found = cKDTree(others).query_ball_point(points, reach, return_length=True)
     return np.asarray(found)
 
 
-def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
-    """(k, 3) of points (n, 3) where they are at least `clear` from all outlines; without those that
-    are between surfaces which are too near to each other for that."""
-    points = points.copy()
+def _pushed(given: Array, outlines: Sequence[Outline], clear: float, off: float = 0.0) -> Array:
+    """(k, 3) of points (n, 3) where they are at least `clear` from all outlines, `off` less where
+    surfaces are too near to each other for that; without those between still nearer ones."""
+    points = given.copy()
     for _ in range(4):  # off one surface after the other
         # how they lie to the nearest surface of all outlines
         look = outlines[0].look(points, clear)
@@ -285,10 +295,11 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         away[look.inside[rows]] *= -1.0
         length = np.maximum(look.apart[rows], SINGLE_ROUNDING)[:, None]
         points[rows] = look.nearest[rows] + away / length * (clear + SINGLE_ROUNDING)
-    # what was still too near at the last look is between surfaces, and dropped
+    # what was still too near at the last look is between surfaces
     kept: Mask = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
-    return points[kept]
+    nearer = _pushed(given[rows], outlines, clear - off) if off and len(rows) else points[:0]
+    return np.vstack([points[kept], nearer])
 
 
 def _spread(nearest: Array, signed: Array) -> float:
@@ -314,8 +325,7 @@ def _upright_box(T: pin.SE3, tree: SolidSurface, cap: float) -> tuple[Array, Arr
     """Middle and half sides (3,) of the box around a solid at T, grown by `cap` metres."""
     low, high = tree.box
     # the extent of a turned box along each axis
-    half = np.abs(T.rotation) @ ((high - low) / 2) + cap
-    return T.act((low + high) / 2), half
+    return T.act((low + high) / 2), np.abs(T.rotation) @ ((high - low) / 2) + cap
 
 
 @weak_lru_cache("robot", maxsize=1)

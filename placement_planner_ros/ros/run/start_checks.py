@@ -156,8 +156,7 @@ def _standing(
         if words not in robot.limit_violations(within)
     ]
     # the others may move; what they carry is an obstacle where it is now
-    others = set(robot.needed_joints) - matter
-    moving = inputs.joints.moving(others, parameters["rest_speed"])
+    moving = inputs.joints.moving(set(robot.needed_joints) - matter, parameters["rest_speed"])
     if moving:
         names = f"{listed(sorted(moving))}: moving"
         notes.append(f"{names}, but of no arm and no sensor; planned with where they are now")

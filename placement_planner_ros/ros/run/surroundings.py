@@ -197,7 +197,7 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     points = np.vstack([np.zeros((0, 3)), *map(np.subtract, clouds, shifts)])
     error = float(np.linalg.norm(shifts, axis=1).max(initial=0.0))
     clear = settings_for(parameters, error).collision.clear
-    kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
+    kept, near = near_points(points, robot, held, clear, parameters.grid_settings, error)
     return kept, near.within(*_workspace(snapshot)), error
 
 

@@ -21,8 +21,7 @@ SETTINGS = CollisionSettings()
 
 @pytest.fixture(scope="module")
 def problem():
-    case = Case("table", "small_crayons_box", "maximize_clearance")
-    return problem_of(case)[0]
+    return problem_of(Case("table", "small_crayons_box", "maximize_clearance"))[0]
 
 
 def faults(problem, arms=None, q=None, environment=None):

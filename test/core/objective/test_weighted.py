@@ -114,8 +114,7 @@ def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
 
 @pytest.mark.parametrize("sampler", ["optimistic", "mcts"])
 def test_what_is_required_is_kept_by_whatever_is_published(table, sampler):
-    guided = sampler == "optimistic"
-    at_least = (-0.08, 0.05) if guided else (-0.15, 0.03)
+    at_least = (-0.08, 0.05) if sampler == "optimistic" else (-0.15, 0.03)
     at = (0.45, -0.05, 0.0, 0.0, 0.0, 0.0, 1.0)
     wishes = WishSettings(required=("near", "edge"), at_least=at_least, near_pose=at)
     planner = planner_of(table, wishes, "maximize_clearance", sampler=sampler)

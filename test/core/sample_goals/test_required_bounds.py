@@ -30,8 +30,7 @@ def sloping(table):
     """Where it rises by 6 cm in a metre to the left."""
     x, y = np.meshgrid(np.arange(0.2, 0.7, 0.004), np.arange(-0.3, 0.3, 0.004))
     points = np.column_stack([x.ravel(), y.ravel(), 0.06 * y.ravel()])
-    volume = table.volume
-    return replace(table, environment=Environment.from_points(points, volume))
+    return replace(table, environment=Environment.from_points(points, table.volume))
 
 
 def planner_of(problem, required, at_least):

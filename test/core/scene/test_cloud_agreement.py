@@ -26,21 +26,18 @@ def told(first, second, apart=0.0):
 def test_cameras_that_are_off_are_told_with_how_much_and_which_way(off, deviation):
     (found,) = told(table(0.0, 0, deviation), table(off, 1, deviation), apart=30.0)
     assert found.height == pytest.approx(off, abs=0.001)
-    words = str(found)
-    assert "above left" in words if off > 0.0 else "below left" in words
-    assert f"{abs(found.height):.4f}" in words
+    assert ("above left" if off > 0.0 else "below left") in str(found)
+    assert f"{abs(found.height):.4f}" in str(found)
 
 
 @pytest.mark.parametrize("off", [0.003, 0.005])
 def test_ordinary_calibrations_are_no_reason_to_put_nothing_down(off):
-    found = told(table(0.0, 0), table(off, 1))
-    assert not sum(len(each.points) for each in found)
+    assert not sum(len(each.points) for each in told(table(0.0, 0), table(off, 1)))
 
 
 def test_what_sees_the_same_does_not_contradict():
     assert not told(table(0.0, 0, 0.003), table(0.0, 1, 0.003))
-    far = table(0.015, 1, low=(1.0, -0.3), high=(1.5, 0.3))
-    assert not told(table(0.0, 0), far)
+    assert not told(table(0.0, 0), table(0.015, 1, low=(1.0, -0.3), high=(1.5, 0.3)))
     assert not told(table(0.0, 0), table(0.2, 1))  # the next board of a shelf
 
 
@@ -51,6 +48,16 @@ def test_what_was_put_down_between_two_clouds_is_no_contradiction():
     after = np.vstack([around[~inside], book])
     assert not told(table(0.0, 0), after, apart=5.0)
     assert told(table(0.0, 0), after)
+
+
+def test_a_camera_that_leans_is_told_though_half_of_it_is_above():
+    leaning = table(0.0, 1)
+    leaning[:, 2] += 0.05 * (leaning[:, 0] - 0.5)
+    for apart in (0.0, 30.0):
+        assert {"above" in str(each) for each in told(table(0.0, 0), leaning, apart)} == {
+            True,
+            False,
+        }
 
 
 def barred_in(first, second):

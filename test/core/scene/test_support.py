@@ -119,8 +119,7 @@ def test_the_margin_is_kept_from_drops_and_from_the_unseen_but_not_from_things()
     block += [(e, s, z) for s, e, z in block]
     block = np.add(block, (-0.14, 0.14, 0.0))
     support = support_of(np.vstack([table, wall, rim, block]))
-    rng = np.random.default_rng(0)
-    probes = rng.uniform(-0.247, 0.247, (6000, 2))
+    probes = np.random.default_rng(0).uniform(-0.247, 0.247, (6000, 2))
     probes = probes[~((np.abs(probes - [-0.14, 0.14]) < 0.035).all(axis=1))]
     hole = np.maximum(np.abs(probes) - [0.1, 0.02], 0.0)
     drop = np.minimum((probes + 0.25).min(axis=1), np.linalg.norm(hole, axis=1))

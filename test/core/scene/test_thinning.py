@@ -33,8 +33,6 @@ def test_dense_clouds_keep_four_points_a_cell_in_each_direction_evenly():
     assert (np.diff(rows) > 0).all()
     left = points[rows]
     whole = per_cell(points) >= 380
-    counts = per_cell(left)
-    assert (np.abs(counts[whole] - CELL_POINTS) <= 2).all()
-    apart = cKDTree(left).query(points)[0]
-    assert apart.max() < 0.005
+    assert (np.abs(per_cell(left)[whole] - CELL_POINTS) <= 2).all()
+    assert cKDTree(left).query(points)[0].max() < 0.005
     assert len(thinned(left, SIZE)) > 0.95 * len(left)

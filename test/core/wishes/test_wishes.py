@@ -24,8 +24,7 @@ def by_words(words):
 def test_there_are_thirty_and_ten_and_all_can_be_set():
     assert [bool(request.drop) for request in ALL] == [False] * 30 + [True] * 10
     for request in ALL:
-        settings = request.parameters.planner_settings
-        settings.wishes.require_consistent()
+        request.parameters.planner_settings.wishes.require_consistent()
         assert scene_by_name(request.scene)
         assert object_by_name(request.thing)
         assert set(request.freed.values) < set(request.values) or not request.drop

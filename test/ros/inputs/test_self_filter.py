@@ -70,11 +70,13 @@ def test_only_what_is_on_the_surface_as_far_as_can_be_told_is_the_robot(robot, d
     rod = np.array([[0.108, 0.02, z] for z in np.arange(-0.1, 0.1, 0.002)])
     outline = Outline.of_robot(robot, np.zeros(1), 0.02)
     alone = [0.112, 0.107, 0.107]  # at a corner, with few points of any kind around it
-    kept, near = near_points(np.vstack([sides, rod, alone]), outline, {}, 0.005, GridSettings())
-    assert not kept.any()
+    tip = np.array([[x, -0.05, 0.0] for x in np.arange(0.1105, 0.15, 0.005)])
+    points = np.vstack([sides, rod, tip, alone])
+    kept, near = near_points(points, outline, {}, 0.005, GridSettings())
+    assert kept.sum() == len(tip) - 2
     left = {tuple(p) for p in near.common.round(6)}
-    assert all(tuple(p) in left for p in rod.round(6))
-    assert len(near.common) < len(rod) + 5
+    assert all(tuple(p) in left for p in [*rod.round(6), *tip[:2].round(6)])
+    assert len(near.common) < len(rod) + 7
     assert near.common[:, 2].max() < 0.1
 
 
