@@ -3,8 +3,8 @@
     python examples/known_scene.py --frame yumi_body shelf.stl tin.obj
 
 The meshes' coordinates are those of the frame, in metres. Without files it is a table with two
-boxes. The node knows points only, so the meshes' surfaces are published as points, denser than
-its `cloud.cell_size`.
+boxes. The surfaces are published as points, denser than `cloud.cell_size`; `~/known_objects` takes
+meshes as they are.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ class PlannerSettings(Settings):
         choices=CONTACTS,
     )
     friction: float = setting(
-        0.3, "[0.05, 2]", text="With contacts: lean, the friction coefficient of all contacts."
+        0.3, "[0.05, 2]", text="With contacts: lean, friction coefficient of surfaces; walls: 0."
     )
     stability_margin: float = setting(
         0.05,

@@ -21,7 +21,7 @@ LAYERS = {
     "contacts": "violet and red: the wall it leans on, and what holds it",
     "volume": "pink: target volume V",
     "regions": "blue: surfaces in V that can carry",
-    "standing": "dark green: placed by earlier runs",
+    "standing": "dark green: known, or placed by earlier runs",
     "cloud": "grey: clouds",
     "occupancy": "brown: what counts as obstacle",
 }

@@ -56,7 +56,7 @@ class BoxArrays(NamedTuple):
     """(4,) lower corner of the grid, and its cell size."""
     field_grid: Array
     """(16,) the like of the field, the box around all boxes, lower and upper, the shape, step and
-    exact levels of `scene.distance_bound.DistanceBound`, and cells per metre."""
+    exact levels of `scene.distance.DistanceBound`, and cells per metre."""
     field: npt.NDArray[np.uint8]
     """Its levels."""
     tops: Array
@@ -73,7 +73,7 @@ def distance_bounds(
     """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`).
 
     Inside the grid, those of the point's cell, whose centre it is `off` away from
-    (`scene.distance_bound.DistanceBound`); outside, the distance to the box around all boxes.
+    (`scene.distance.DistanceBound`); outside, the distance to the box around all boxes.
     """
     # The point in cells of the field from its lower corner.
     fx = (x - grid[0]) * grid[15]

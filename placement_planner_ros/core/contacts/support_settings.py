@@ -21,7 +21,7 @@ class SupportSettings:
         edge_margin: m, with `vertices`.
         support_margin: m, with `polygon`.
         contacts: the contact classes.
-        friction: coefficient, of all contacts.
+        friction: coefficient, of surfaces; walls count as smooth.
         stability_margin: share of the weight that leaning objects bear in any horizontal direction.
     """
 

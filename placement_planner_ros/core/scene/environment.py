@@ -269,7 +269,7 @@ class Environment:
             bounds: lower and upper corner of the workspace, points outside of which are left out;
                 around the points and V unless given.
             sights: what sensors at known places measured, see `freespace`; their lines of sight
-                prove gaps in surfaces, see `support_sights`.
+                prove gaps in surfaces, see `layers`.
             beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
                 paper's definition.
             noise: metres, of points that lie on their surfaces already; estimated, and removed,
