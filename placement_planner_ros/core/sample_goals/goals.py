@@ -87,18 +87,24 @@ class GoalFinder:
         )
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        # ξ of those that pass.
+        # ξ of those that pass, or about, and by how much that is off at most.
+        off = 0.0
         for rows in np.split(free, range(_ASKED_AT_ONCE, len(free), _ASKED_AT_ONCE)):
             if len(rows):
                 step("asking the objective")
-                values[rows] = self._values(T[rows], best)
+                values[rows], error = self._values(T[rows], best)
+                off = max(off, error)
         verdicts[free] = Verdict.NOT_BETTER
         # Those that would be better are to be reached.
         found: list[Goal] = []
         outcome = Outcome(verdicts, values, found)
-        for row in order(free[values[free] > best], outcome, best):
+        for row in order(free[values[free] + off > best], outcome, best):
             if should_stop():
                 break
+            if off:
+                values[row] = evaluate_batch(self._objective, T[[row]])[0]
+                if values[row] <= best:
+                    continue
             wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))
             reached = self._reach_any(draws, row, wanted, best, should_stop)
             if isinstance(reached, Verdict):
@@ -113,20 +119,16 @@ class GoalFinder:
                 break
         return outcome
 
-    def _values(self, T: Array, best: float) -> Array:
-        """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`."""
-        # By bounds, by values, or by estimates with their error.
+    def _values(self, T: Array, best: float) -> tuple[Array, float]:
+        """(n,) ξ of the poses (n, 4, 4), and by how much it is off at most; anything where a bound
+        shows that it is not above `best`."""
         bounded = self._bounded
         if bounded is not None:
-            return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T))
+            return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T)), 0.0
         if self._estimates is None:
-            return evaluate_batch(self._objective, T)
+            return evaluate_batch(self._objective, T), 0.0
         values, off = self._estimates.about(T)
-        if off is not None:
-            near = values + off > best
-            if near.any():
-                values[near] = evaluate_batch(self._objective, T[near])
-        return values
+        return values, off or 0.0
 
     def _reach_any(
         self,

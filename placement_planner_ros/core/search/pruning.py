@@ -19,7 +19,7 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array, Index
 
-_ROUNDS = 500
+_ROUNDS = 20
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
 _PARTS_PER_SAMPLE = 0.07
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
