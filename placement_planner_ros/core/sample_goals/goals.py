@@ -92,8 +92,7 @@ class GoalFinder:
         for rows in np.split(free, range(_ASKED_AT_ONCE, len(free), _ASKED_AT_ONCE)):
             if len(rows):
                 step("asking the objective")
-                values[rows], error = self._values(T[rows], best)
-                off = max(off, error)
+                values[rows], off = self._values(T[rows], best)
         verdicts[free] = Verdict.NOT_BETTER
         # Those that would be better are to be reached.
         found: list[Goal] = []
