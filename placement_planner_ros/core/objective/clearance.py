@@ -54,19 +54,19 @@ class Clearance:
         _, gradients = self._clearance(T, self._points, slopes=True)
         return np.asarray(self._sign * gradients[0])
 
-    def most_around(self, ranges: PoseRanges) -> Array:
+    def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
         """(n,) what ±C does not exceed at any pose of each range, metres."""
-        return self._most(ranges, self._sign)
+        return self._most(ranges, self._sign, self._some_points if rough else self._points)
 
     def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
         """(n,) what C is not below and (n,) not above at any pose of each range, metres."""
-        return -self._most(ranges, -1.0), self._most(ranges, 1.0)
+        return -self._most(ranges, -1.0, self._points), self._most(ranges, 1.0, self._points)
 
-    def _most(self, ranges: PoseRanges, sign: float) -> Array:
+    def _most(self, ranges: PoseRanges, sign: float, points: Array) -> Array:
         """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
         mean changes by no more than its points move."""
         # What it is at the middle of each range, and how far points move from there.
-        values, _ = self._clearance(ranges.T, self._points, sign=sign)
+        values, _ = self._clearance(ranges.T, points, sign=sign)
         moved = ranges.shift + ranges.chord * self._radii(ranges)
         most = sign * values + most_change(moved, max(field.pixel for field in self._fields))
         return np.minimum(most, CAP if sign > 0.0 else 0.0)

@@ -97,8 +97,9 @@ class SlowObjective(Objective, Protocol):
 
     bounded: bool
 
-    def most_around(self, ranges: PoseRanges) -> Array:
-        """(n,) what it does not exceed at any pose of each range."""
+    def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
+        """(n,) what it does not exceed at any pose of each range; where a rough answer will do, by
+        its estimates if it has any."""
         ...
 
 

@@ -175,7 +175,7 @@ class Weighted:
                 most[k, left] = part.factor * part.term.values(T[left])
         return np.asarray(total + most.sum(axis=0))
 
-    def most_around(self, ranges: PoseRanges) -> Array:
+    def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
         """(n,) what ξ does not exceed at any pose of each range."""
         parts = (*self._cheap, *self._expensive)
         return np.asarray(sum(part.most_around(ranges) for part in parts))

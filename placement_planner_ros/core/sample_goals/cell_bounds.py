@@ -135,9 +135,9 @@ class BranchBounds:
         result[left[self._overlap.overlapping(self.ranges(cells[left]))]] = Ruling.COLLIDING
         return result
 
-    def most(self, cells: Cells) -> Array:
+    def most(self, cells: Cells, rough: bool = False) -> Array:
         """(n,) what ξ does not exceed at any pose of the (n,) cells; inf where nothing is
         known."""
         if not (self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
-        return self._objective.most_around(self.ranges(cells)) + SINGLE_ROUNDING
+        return self._objective.most_around(self.ranges(cells), rough) + SINGLE_ROUNDING

@@ -116,13 +116,7 @@ class Region:
 
     def sample(self, rng: np.random.Generator) -> Array:
         """(3,) a point on the region, uniform by area."""
-        pick, across, along = rng.random(3)
-        # a rectangle by its area, then a place in it
-        last = len(self.share) - 1
-        k = min(int(self.share.searchsorted(pick * self.share[last], side="right")), last)
-        x0, y0, x1, y1 = self.rectangles[k]
-        x, y = x0 + across * (x1 - x0), y0 + along * (y1 - y0)
-        return np.array((x, y, self.z + self.slope[0] * x + self.slope[1] * y))
+        return RegionPoints([self]).sample(np.zeros(1, np.int64), rng)[0]
 
 
 class RegionPoints:

@@ -40,8 +40,8 @@ _NODE = np.dtype([("above", np.int64), ("tries", np.float64), ("reached", np.flo
 
 _TRIES = 2.0
 """Tries, or samples, that what was to be expected before counts as."""
-_TRY_SAMPLES = 10.0
-"""Samples whose checks take as long as a try to reach a pose with all arms and grasps."""
+TRY_SAMPLES = 20
+"""Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
 _PLACEMENT_SAMPLES = 2000
 """Samples whose checks take as long as what follows a goal: motion, OptimizeLocally, timing."""
 DEEPEST = 30
@@ -139,13 +139,13 @@ class ImprovementModel:
         # What breaks a rule by less is nearer to what breaks none.
         if self._lack > 0.0:
             gain *= np.exp(-cells["lack"] * (self._lacks / self._lack))
-        return np.asarray(gain * self.chances(cells) / (1.0 + _TRY_SAMPLES * tried))
+        return np.asarray(gain * self.chances(cells) / (1.0 + TRY_SAMPLES * tried))
 
     def promise_of_tries(self, cells: Cells, values: Array, best: float) -> Array:
         """(n,) what a try to reach a pose with that ξ in each cell, before its sample, is expected
         to add to ξ_best, for what it takes; inf where nothing was found."""
         chances = self.chances(cells)
-        return (values - best) * chances / (_TRY_SAMPLES + _PLACEMENT_SAMPLES * chances)
+        return (values - best) * chances / (TRY_SAMPLES + _PLACEMENT_SAMPLES * chances)
 
     def _gain(self, cells: Cells, depths: Index, best: float) -> tuple[Array, Array]:
         """(n,) what a sample at these depths is expected to add, as ξ of parts is spread about ξ of

@@ -15,7 +15,7 @@ import numpy as np
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import PoseSets
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import FULL_TURN, Array
+from placement_planner_ros.core.types import FULL_TURN
 
 Ranges = Sequence[tuple[float, float]]
 """Intervals of θ, each at most a full turn long, that share no turn."""
@@ -56,11 +56,6 @@ class AfrNode:
     region: Region | None = None
     angle_min: float = 0.0
     angle_max: float = FULL_TURN
-
-    def sample(self, rng: np.random.Generator) -> tuple[Array, float]:
-        """A contact point (3,) uniform over the region and an angle θ uniform over the range."""
-        assert self.region is not None
-        return self.region.sample(rng), rng.uniform(self.angle_min, self.angle_max)
 
 
 class AfrHierarchy:

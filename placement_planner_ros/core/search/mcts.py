@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import (
     BatchSampler,
@@ -76,14 +77,15 @@ class MctsSampler(BatchSampler):
         for node in self._selected:
             self.tree.update(node, -1, 0.0)
         nodes = [self.tree.nodes[n] for n in self._selected]
-        poses = [node.sample(self._rng) for node in nodes]
+        regions = [node.region for node in nodes if node.region is not None]
+        low, high = np.array([(node.angle_min, node.angle_max) for node in nodes]).T
         return Draws(
             np.array([node.arm for node in nodes]),
             np.array([node.grasp for node in nodes]),
             np.array([node.face for node in nodes]),
-            np.array([contact for contact, _ in poses]),
-            np.array([angle for _, angle in poses]),
-            np.array([node.region.slope for node in nodes if node.region is not None]),
+            RegionPoints(regions).sample(np.arange(len(nodes)), self._rng),
+            self._rng.uniform(low, high),
+            np.array([region.slope for region in regions]),
         )
 
     def _learn(self, outcome: Outcome, best: float) -> None:

@@ -26,6 +26,7 @@ from placement_planner_ros.core.search.expected_improvement import (
     GRADED_CELL,
     LACKING,
     NOT_FREE,
+    TRY_SAMPLES,
     ImprovementModel,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
@@ -39,10 +40,11 @@ from placement_planner_ros.core.search.sampler import (
 )
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
-from placement_planner_ros.core.types import Array, Index, Verdict
+from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array, Index, Mask, Verdict
 
-_SAMPLES_A_TRY = 20
-"""Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
+_REDRAWS = 16
+"""Times that poses are drawn anew for those that can be no better: half a ms each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,7 @@ class OptimisticSampler(BatchSampler):
         super().__init__(checker, settings)
         self._settings = settings
         self._bounds = bounds
+        self._bounded = bounds is not None and bounds.bounded
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._sets = hierarchy.sets
@@ -96,7 +99,8 @@ class OptimisticSampler(BatchSampler):
         self._worth = np.full(MAX_CELLS, -1.0)
         self._room = np.arange(MAX_CELLS)  # rows for new ones
         self._split = np.zeros(len(self._sets) * self._steps.prod() + 1, np.bool_)
-        self._nodes = np.full(len(self._split), -1)  # of the coarse cells, once they are graded
+        self._nodes = np.full(len(self._split), -1)  # of the coarse cells, once graded
+        self._most = np.full(len(self._split), np.nan)  # what ξ is at most there, once asked for
         # goals that wait for their motion: ξ, and the cell that they were found in
         self._waiting: list[tuple[float, np.void]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
@@ -122,7 +126,7 @@ class OptimisticSampler(BatchSampler):
             count = max(1, round(len(parts) * share / (1.0 - share)))
         # A pose in each part, and the coarse cells of uniform ones.
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
-        coarse, drawn = self._graded(count)
+        coarse, drawn = self._even(count, best)
         self._drawn = np.concatenate([parts, coarse])
         return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
 
@@ -131,7 +135,7 @@ class OptimisticSampler(BatchSampler):
         wait for their motion: then whatever is easier to reach is welcome."""
         cells, first = self._drawn, 0
         # Once something is found tries take no longer than samples; what is left is filed.
-        tries = 1 + len(cells) // _SAMPLES_A_TRY if best > -np.inf else len(rows)
+        tries = 1 + len(cells) // TRY_SAMPLES if best > -np.inf else len(rows)
         for _ in range(min(tries, len(rows))):
             if not self._waiting:
                 promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
@@ -153,7 +157,29 @@ class OptimisticSampler(BatchSampler):
         missed = (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
-    def _graded(self, count: int) -> tuple[Cells, Array]:
+    def _even(self, count: int, best: float) -> tuple[Cells, Array]:
+        """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ: none where ξ is
+        known not to be above `best`, as long as such are drawn among some more."""
+        drawn, poses = self._coarse(count)
+        for _ in range(_REDRAWS if best > -np.inf and self._bounded else 0):
+            is_open = self._may_be_better(drawn, best)
+            drawn, poses = drawn[is_open], poses[is_open]
+            if len(drawn) >= count:
+                break
+            more, places = self._coarse(2 * count)
+            drawn, poses = np.concatenate([drawn, more]), np.concatenate([poses, places])
+        return self._as_nodes(drawn[:count]), poses[:count]
+
+    def _may_be_better(self, cells: Cells, best: float) -> Mask:
+        """(n,) whether ξ may be above `best` in coarse cells (n,)."""
+        step("bounding the objective")
+        coarse, first = np.unique(cells["coarse"], return_index=True)
+        new = np.isnan(self._most[coarse])
+        if self._bounds is not None:
+            self._most[coarse[new]] = self._bounds.most(cells[first[new]], rough=True)
+        return np.asarray(self._most[cells["coarse"]] > best)
+
+    def _coarse(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
         sets, poses = self._uniform.draw(count)
         # The coarse cell that each pose lies in.
@@ -166,13 +192,17 @@ class OptimisticSampler(BatchSampler):
         cells["coarse"] = np.ravel_multi_index(
             (sets, *place.T), (max(len(self._sets), 1), *self._steps)
         )
+        return cells, poses
+
+    def _as_nodes(self, cells: Cells) -> Cells:
+        """Coarse cells (n,) as they are graded, each a node."""
         # Tries in a coarse cell are counted there, and to its face.
         graded, first = np.unique(cells["coarse"], return_index=True)
         new = self._nodes[graded] < 0
-        self._nodes[graded[new]] = self._model.add_nodes(self._sets.face[sets[first[new]]])
+        self._nodes[graded[new]] = self._model.add_nodes(self._sets.face[cells["set"][first[new]]])
         cells["node"] = self._nodes[cells["coarse"]]
         cells["kind"], cells["value"], cells["scale"] = NOT_FREE, self._model.mean, -1
-        return cells, poses
+        return cells
 
     def _open_parts(self, best: float) -> Cells:
         """The parts (n,) of the most promising cells that may hold a goal.
@@ -183,11 +213,14 @@ class OptimisticSampler(BatchSampler):
         parts["depth"] = np.minimum(parts["depth"] + 1, DEEPEST)
         parts["coarse"] = -1
         # Only where the sample was outside, unsupported or in collision.
-        doubtful = parts["kind"] < LACKING
-        if self._bounds is None or not doubtful.any():
+        is_open = parts["kind"] >= LACKING
+        rows = np.flatnonzero(~is_open)
+        if self._bounds is None or not len(rows):
             return parts
-        is_open = ~doubtful
-        is_open[doubtful] = self._bounds.rulings(parts[doubtful]) == Ruling.OPEN
+        rows = rows[self._bounds.rulings(parts[rows]) == Ruling.OPEN]
+        if best > -np.inf and self._bounded:
+            rows = rows[self._bounds.most(parts[rows], rough=True) > best]
+        is_open[rows] = True
         return np.asarray(parts[is_open])
 
     def _take(self, best: float) -> Cells:

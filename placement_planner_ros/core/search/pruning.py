@@ -57,8 +57,8 @@ class CellBounds(Protocol):
         """(n,) `Ruling` of each of the (n,) cells; any but OPEN is proven for all its poses."""
         ...
 
-    def most(self, cells: Cells) -> Array:
-        """(n,) what ξ does not exceed at any pose of the cells."""
+    def most(self, cells: Cells, rough: bool = False) -> Array:
+        """(n,) what ξ does not exceed at any pose of the cells; roughly, where that will do."""
         ...
 
 

@@ -78,7 +78,7 @@ class Letter:
         for _ in range(g_max):
             n = self.select_afr_node()
             node = self.nodes[n]
-            contact, angle = node.sample(self.rng)
+            contact, angle = node.region.sample(self.rng), self.rng.uniform(node.angle_min, node.angle_max)
             self.asked.append((node.arm, node.grasp, node.face, *contact, angle))
             self.update(n, self.delta_r(n, *judge(node.arm, contact, angle), best))
 
