@@ -192,6 +192,19 @@ def evaluate_batch(objective: Objective | BatchObjective, T_world_object: Array)
     return np.array(values)
 
 
+def estimate_batch(objective: Objective | BatchObjective, T_world_object: Array) -> Array:
+    """(n,) about ξ of the (n, 4, 4) poses: its estimates, or where it has none, its values.
+
+    Raises:
+        ParameterError, StoppedError: see `evaluate_batch`.
+    """
+    if not hasattr(objective, "estimates"):
+        return evaluate_batch(objective, T_world_object)
+    return finite_answer(
+        objective, lambda: objective.estimates(T_world_object), len(T_world_object)
+    )
+
+
 def finite_answer(objective: object, ask: Callable[[], Array], count: int) -> Array:
     """So many numbers (count,) that an objective answers, checked.
 

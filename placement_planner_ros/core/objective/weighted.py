@@ -11,12 +11,12 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.aligned import Aligned
 from placement_planner_ros.core.objective.beside import Edge
-from placement_planner_ros.core.objective.estimates import LearnedEstimates
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
     Objective,
     ObjectiveContext,
     PoseRanges,
+    estimate_batch,
     evaluate_batch,
     objective_gradient,
 )
@@ -73,7 +73,6 @@ class _WeightedPart:
 
     def __init__(self, term: Term, factor: float) -> None:
         self.term, self.factor = term, factor
-        self._estimates = LearnedEstimates(term) if isinstance(term, EstimatedObjective) else None
 
     @property
     def most(self) -> float:
@@ -90,13 +89,6 @@ class _WeightedPart:
         if not self.factor:
             return np.zeros(len(ranges.T))
         return np.asarray(self.factor * term_ends(self.term, ranges)[int(self.factor > 0.0)])
-
-    def estimated_most(self, T: Array) -> Array | None:
-        """(n,) the same by its estimates; None where it has none."""
-        if self._estimates is None:
-            return None
-        values, off = self._estimates.about(T)
-        return self.factor * values + abs(self.factor) * (off or 0.0)
 
 
 class Weighted:
@@ -150,8 +142,7 @@ class Weighted:
         return total
 
     def values_above(self, T_world_object: Array, best: float) -> Array:
-        """(n,) ξ of the (n, 4, 4) poses; at most `best`, and no less than ξ, where that is not
-        above it."""
+        """(n,) ξ of the (n, 4, 4) poses; at most `best` where that, or about, is not above it."""
         T = T_world_object
         # What the cheap terms add up to.
         total = np.zeros(len(T))
@@ -164,10 +155,9 @@ class Weighted:
         # Estimates first, where a pose could still be better than the best.
         for part, row in zip(self._expensive, most, strict=True):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
-            if len(left):
-                estimated = part.estimated_most(T[left])
-                if estimated is not None:
-                    row[left] = np.minimum(row[left], estimated)
+            if len(left) and isinstance(part.term, EstimatedObjective):
+                estimates = estimate_batch(part.term, T[left])
+                row[left] = np.minimum(row[left], part.factor * estimates)
         # Then the terms themselves, one after the other, where it still could.
         for k, part in enumerate(self._expensive):
             left = np.flatnonzero(total + most.sum(axis=0) > best)

@@ -10,11 +10,11 @@ import pinocchio as pin
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.estimates import LearnedEstimates
 from placement_planner_ros.core.objective.objective import (
     BoundedObjective,
     EstimatedObjective,
     Objective,
+    estimate_batch,
     evaluate_batch,
     evaluate_objective,
     finite_answer,
@@ -66,9 +66,7 @@ class GoalFinder:
         # asked once: to tell takes as long as a batch of values
         self._bounded = objective if isinstance(objective, BoundedObjective) else None
         self._ik_seeds = ik_seeds
-        self._estimates = None
-        if isinstance(objective, EstimatedObjective):
-            self._estimates = LearnedEstimates(objective)
+        self._estimated = isinstance(objective, EstimatedObjective)
         self._rng = rng
 
     def check_batch(
@@ -87,20 +85,19 @@ class GoalFinder:
         )
         values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        # ξ of those that pass, or about, and by how much that is off at most.
-        off = 0.0
+        # ξ of those that pass, or about.
         for rows in np.split(free, range(_ASKED_AT_ONCE, len(free), _ASKED_AT_ONCE)):
             if len(rows):
                 step("asking the objective")
-                values[rows], off = self._values(T[rows], best)
+                values[rows] = self._values(T[rows], best)
         verdicts[free] = Verdict.NOT_BETTER
         # Those that would be better are to be reached.
         found: list[Goal] = []
         outcome = Outcome(verdicts, values, found)
-        for row in order(free[values[free] + off > best], outcome, best):
+        for row in order(free[values[free] > best], outcome, best):
             if should_stop():
                 break
-            if off:
+            if self._estimated:
                 values[row] = evaluate_batch(self._objective, T[[row]])[0]
                 if values[row] <= best:
                     continue
@@ -118,16 +115,13 @@ class GoalFinder:
                 break
         return outcome
 
-    def _values(self, T: Array, best: float) -> tuple[Array, float]:
-        """(n,) ξ of the poses (n, 4, 4), and by how much it is off at most; anything where a bound
-        shows that it is not above `best`."""
+    def _values(self, T: Array, best: float) -> Array:
+        """(n,) ξ of the poses (n, 4, 4), or about; anything where a bound shows that it is not
+        above `best`."""
         bounded = self._bounded
         if bounded is not None:
-            return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T)), 0.0
-        if self._estimates is None:
-            return evaluate_batch(self._objective, T), 0.0
-        values, off = self._estimates.about(T)
-        return values, off or 0.0
+            return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T))
+        return estimate_batch(self._objective, T)
 
     def _reach_any(
         self,
