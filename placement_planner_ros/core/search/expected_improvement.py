@@ -40,6 +40,8 @@ _NODE = np.dtype([("above", np.int64), ("tries", np.float64), ("reached", np.flo
 
 _TRIES = 2.0
 """Tries, or samples, that what was to be expected before counts as."""
+_TRIES_OF_PART = 4.0
+"""Tries in one part of a cell, at most, that count in the whole."""
 TRY_SAMPLES = 20
 """Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
 _PLACEMENT_SAMPLES = 2000
@@ -65,9 +67,7 @@ class ImprovementModel:
         self._spread = 0.5 ** np.arange(DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        # Per depth and kind: tries that were expected to succeed, and how many did.
-        self._hoped, self._reached = np.ones((2, *shape))
-        self._nodes = np.full(faces, np.array((-1, _TRIES, 0.5 * _TRIES), dtype=_NODE))
+        self._nodes = np.full(faces, np.array((-1, 0.0, 0.0), dtype=_NODE))
 
     @property
     def mean(self) -> float:
@@ -77,29 +77,35 @@ class ImprovementModel:
     def add_nodes(self, above: Index) -> Index:
         """The numbers of new nodes below these, of which the same is expected."""
         new = np.zeros(len(above), dtype=_NODE)
-        new["above"], new["tries"] = above, _TRIES
-        new["reached"] = _TRIES * self._nodes["reached"][above] / self._nodes["tries"][above]
+        new["above"] = above
         self._nodes = np.concatenate([self._nodes, new])
         return np.arange(len(self._nodes) - len(new), len(self._nodes))
 
     def chances(self, cells: Cells) -> Array:
         """(n,) the share of tries that reach their pose, of what is known of cells (n,)."""
-        node = self._nodes[cells["node"]]
-        share = (self._reached / self._hoped)[cells["depth"], cells["kind"]]
-        return np.minimum(share * node["reached"] / node["tries"], 1.0)
+        # The nodes of the cells, those above them, and so on.
+        path = [cells["node"]]
+        while (path[-1] >= 0).any():
+            path.append(np.where(path[-1] >= 0, self._nodes["above"][path[-1]], -1))
+        # From a half down: what is expected above counts as some tries.
+        chances = np.full(len(cells), 0.5)
+        for numbers in reversed(path[:-1]):
+            nodes = self._nodes[numbers]
+            of = (nodes["reached"] + _TRIES * chances) / (nodes["tries"] + _TRIES)
+            chances = np.where(numbers >= 0, of, chances)
+        return chances
 
     def count_try(self, cell: np.void, tried: float, reached: float) -> None:
-        """Count a try in a part of a cell of which is known what `cell` says: by its depth and
-        kind, and in its node and all above, lest ever smaller parts are tried of what no arm
-        reaches."""
-        number, of = int(cell["node"]), (cell["depth"], cell["kind"])
-        node = self._nodes[number]
-        self._hoped[of] += tried * node["reached"] / node["tries"]
-        self._reached[of] += reached
+        """Count a try in a part of a cell, in its node and all above, where it counts the less the
+        more of them were made in this part: many that fail in one say little of the others."""
+        number = int(cell["node"])
         while number >= 0:
             node = self._nodes[number]
-            node["tries"] += tried
-            node["reached"] += reached
+            counted = np.array([node["tries"], node["reached"]])
+            before = counted / (1.0 + counted[0] / _TRIES_OF_PART)
+            counted += tried, reached
+            node["tries"], node["reached"] = counted
+            tried, reached = counted / (1.0 + counted[0] / _TRIES_OF_PART) - before
             # One level up.
             number = int(node["above"])
 

@@ -1,4 +1,4 @@
-"""SampleGoals: the check that failed first, goals that are as drawn, what estimates may cost."""
+"""SampleGoals: the check that failed first, goals that are as drawn, how far estimates are off."""
 
 from dataclasses import replace
 
@@ -16,7 +16,6 @@ from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import Verdict
 
 SAMPLES = 6000
-BLOCK = 64
 
 
 def free_poses(problem, finder, rng):
@@ -39,34 +38,18 @@ def free_poses(problem, finder, rng):
         ("table", "small_crayons_box"),
     ],
 )
-def test_estimates_hardly_ever_skip_a_better_pose_and_save_most_of_the_work(scene, thing):
-    """With the objects of which estimates are off the most; ξ_best is taken to be at quantiles."""
+def test_estimates_are_off_by_millimetres(scene, thing):
+    """With the objects of which they are off the most: so much better a pose may be passed over."""
     problem, _ = problem_of(Case(scene, thing, "maximize_clearance"))
     context = ObjectiveContext(problem.environment, problem.volume, problem.body)
-    better = skipped = computed = asked = 0
     for name in ("maximize_clearance", "minimize_clearance"):
         objective = make_objective(name, context)
         planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-        T = free_poses(problem, planner.sampler._checker, np.random.default_rng(1))
-        exact = objective.values(T)
-        for seed, share in enumerate((0.5, 0.8, 0.95)):
-            bound = float(np.quantile(exact, share))
-            planner = PlacementPlanner(
-                problem, objective, PlannerSettings(), np.random.default_rng(0)
-            )
-            finder = planner.sampler._checker
-            order = np.random.default_rng(seed).permutation(len(T))
-            for first in range(0, len(T), BLOCK):
-                rows = order[first : first + BLOCK]
-                values, off = finder._values(T[rows], bound)
-                hot = exact[rows] > bound
-                better += int(hot.sum())
-                skipped += int((hot & (values + off <= bound)).sum())
-                computed += int((values + off > bound).sum()) if off else len(rows)
-                asked += len(rows)
-    assert better > 1000
-    assert skipped <= 1e-3 * better
-    assert computed < 0.5 * asked
+        finder = planner.sampler._checker
+        T = free_poses(problem, finder, np.random.default_rng(1))
+        off = np.abs(finder._values(T, -np.inf) - objective.values(T))
+        assert len(T) > 500
+        assert 0.0 < off.max() < 0.002
 
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")

@@ -78,7 +78,10 @@ class Letter:
         for _ in range(g_max):
             n = self.select_afr_node()
             node = self.nodes[n]
-            contact, angle = node.region.sample(self.rng), self.rng.uniform(node.angle_min, node.angle_max)
+            contact, angle = (
+                node.region.sample(self.rng),
+                self.rng.uniform(node.angle_min, node.angle_max),
+            )
             self.asked.append((node.arm, node.grasp, node.face, *contact, angle))
             self.update(n, self.delta_r(n, *judge(node.arm, contact, angle), best))
 

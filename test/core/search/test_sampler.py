@@ -8,7 +8,6 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.expected_improvement import (
     GRADED_CELL,
-    UNREACHED,
     VALUED,
     ImprovementModel,
 )
@@ -219,17 +218,17 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
         model.count_try(parts[0], 1.0, 0.0)
     of_parts = model.chances(parts)
     assert of_parts[0] < 0.01 * of_parts[1]
-    # What is split from now on is expected to be as the whole, until it is known better.
+    assert of_parts[1] > 0.05
+    # What nobody tried is expected to be as the whole, whenever it was split off.
     later = of(model.add_nodes(whole))
-    assert model.chances(later) == model.chances(of(whole)) < 0.2 * of_parts[1]
+    assert model.chances(later) == model.chances(of(whole)) == of_parts[1]
     # A little more where no try succeeds promises less than a little less beside it.
     hopeless, other = model.promise_of_tries(parts, np.array([1.1, 1.0]), 0.0)
     assert hopeless < 0.5 * other
-    # So it is in parts of cells whose own sample was not reached, wherever they are.
-    model = ImprovementModel(101)
-    for cell in of(np.arange(100), UNREACHED):
-        model.count_try(cell, 1.0, 0.0)
-    assert model.chances(of([100], UNREACHED)) < 0.05 * model.chances(of([100]))
+    # The more parts fail, the less is expected of what is left.
+    for node in model.add_nodes(np.repeat(whole, 100)):
+        model.count_try(of([node])[0], 1.0, 0.0)
+    assert model.chances(later) < 0.1 * of_parts[1]
 
 
 @pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
@@ -253,6 +252,8 @@ def test_wrong_settings_are_refused():
 class LowerHalf:
     """Rules out the cells that lie beyond y = 0.2."""
 
+    bounded = False
+
     def rulings(self, cells):
         return np.where(cells["low"][:, 1] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
 
@@ -267,8 +268,34 @@ def test_parts_that_are_ruled_out_are_not_sampled():
     assert 4.0 * upper_share(LowerHalf()) < upper_share()
 
 
+class BetterInTheLowerHalf:
+    """Rules nothing out; ξ is at most -1 beyond y = 0.2."""
+
+    bounded = True
+
+    def rulings(self, cells):
+        return np.full(len(cells), Ruling.OPEN)
+
+    def most(self, cells, rough=False):
+        return np.where(cells["low"][:, 1] >= 0.2, -1.0, 1.0)
+
+
+@pytest.mark.parametrize("best", [-2.0, -0.5, 2.0])
+def test_even_poses_are_not_drawn_where_none_is_better(best):
+    settings = {"samples_per_call": 2000, "uniform_first": 10_000, "even_share": 0.0}
+    settings["goals_per_call"] = 10_000
+    made, checker = sampler(OptimisticSampler, bounds=[BetterInTheLowerHalf()], **settings)
+    made.sample_goals(best, never)
+    share = (np.array(checker.contacts)[:, 1] > 0.2).mean()
+    # Where nothing is known to be better all is drawn from still, and any number of poses.
+    assert len(checker.contacts) >= 2000
+    assert share == (0.0 if best == -0.5 else pytest.approx(0.08 / 0.17, abs=0.05))
+
+
 class NearTheCorner:
     """Rules out every part that does not hold one pose near a corner."""
+
+    bounded = False
 
     def rulings(self, cells: np.ndarray) -> np.ndarray:
         pose = np.array([0.01, 0.01, 0.01])
