@@ -45,7 +45,8 @@ class EstimatedObjective(BatchObjective, Protocol):
     """An objective that can tell roughly, for less, what it would answer."""
 
     def estimates(self, T_world_object: Array) -> Array:
-        """(n,) about ξ of the (n, 4, 4) poses."""
+        """(n,) about ξ of the (n, 4, 4) poses; where that is not above ξ_best a pose is passed
+        over."""
         ...
 
 
