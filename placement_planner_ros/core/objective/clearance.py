@@ -116,8 +116,8 @@ class Clearance:
 
 
 def thinned_points(points: Array) -> Array:
-    """Every second, fourth or eighth of the (n, 3) voxel centres, spread evenly, 300 at least."""
+    """Every second to 16th of the (n, 3) voxel centres, spread evenly, 300 at least."""
     # Keep a share by the sum of the grid indices, which spreads them.
-    share = next((s for s in (8, 4, 2) if len(points) >= 300 * s), 1)
+    share = next((s for s in (16, 8, 4, 2) if len(points) >= 300 * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
     return np.asarray(points[(index[0] + 3 * index[1] + 5 * index[2]) % share == 0])

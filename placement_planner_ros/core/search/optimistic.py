@@ -41,7 +41,7 @@ from placement_planner_ros.core.search.sampler import (
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array, Index, Mask, Verdict
+from placement_planner_ros.core.types import Array, Index, Verdict
 
 _REDRAWS = 16
 """Times that poses are drawn anew for those that can be no better: half a ms each."""
@@ -158,26 +158,33 @@ class OptimisticSampler(BatchSampler):
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
-        """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ: none where ξ is
-        known not to be above `best`, as long as such are drawn among some more."""
-        drawn, poses = self._coarse(count)
-        for _ in range(_REDRAWS if best > -np.inf and self._bounded else 0):
-            is_open = self._may_be_better(drawn, best)
-            drawn, poses = drawn[is_open], poses[is_open]
-            if len(drawn) >= count:
-                break
-            more, places = self._coarse(2 * count)
-            drawn, poses = np.concatenate([drawn, more]), np.concatenate([poses, places])
-        return self._as_nodes(drawn[:count]), poses[:count]
+        """The coarse cells (n,) of uniform poses, and these (n, 3) as x, y, θ: so many, each kept
+        the likelier the more ξ of its cell may be above `best`; some, where few are kept."""
+        cells, poses = drawn = self._coarse(count)
+        if best > -np.inf and self._bounded:
+            cells, poses = self._kept(*drawn, best)
+            for _ in range(_REDRAWS):
+                if len(cells) >= count:
+                    break
+                drawn = self._coarse(2 * count)
+                more, places = self._kept(*drawn, best)
+                cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
+        if not len(cells):
+            cells, poses = drawn
+        return self._as_nodes(cells[:count]), poses[:count]
 
-    def _may_be_better(self, cells: Cells, best: float) -> Mask:
-        """(n,) whether ξ may be above `best` in coarse cells (n,)."""
+    def _kept(self, cells: Cells, poses: Array, best: float) -> tuple[Cells, Array]:
+        """Those of coarse cells (n,) with a pose each that are kept: a share that is what ξ may be
+        above `best` at most, of what that is anywhere."""
         step("bounding the objective")
         coarse, first = np.unique(cells["coarse"], return_index=True)
         new = np.isnan(self._most[coarse])
         if self._bounds is not None:
             self._most[coarse[new]] = self._bounds.most(cells[first[new]], rough=True)
-        return np.asarray(self._most[cells["coarse"]] > best)
+        most = self._most[cells["coarse"]] - best
+        share = self._rng.random(len(cells)) * max(np.nanmax(self._most) - best, 0.0)
+        is_kept = most > share
+        return cells[is_kept], poses[is_kept]
 
     def _coarse(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
