@@ -181,9 +181,8 @@ class OptimisticSampler(BatchSampler):
         new = np.isnan(self._most[coarse])
         if self._bounds is not None:
             self._most[coarse[new]] = self._bounds.most(cells[first[new]], rough=True)
-        most = self._most[cells["coarse"]] - best
         share = self._rng.random(len(cells)) * max(np.nanmax(self._most) - best, 0.0)
-        is_kept = most > share
+        is_kept = self._most[cells["coarse"]] - best > share
         return cells[is_kept], poses[is_kept]
 
     def _coarse(self, count: int) -> tuple[Cells, Array]:
