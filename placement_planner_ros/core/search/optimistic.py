@@ -43,6 +43,8 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
+_BOUNDED_AT_ONCE = 64
+"""Cells that are bounded together; in between it is looked whether anybody waits."""
 _REDRAWS = 16
 """Times that poses are drawn anew for those that can be no better: half a ms each."""
 
@@ -85,7 +87,6 @@ class OptimisticSampler(BatchSampler):
         super().__init__(checker, settings)
         self._settings = settings
         self._bounds = bounds
-        self._bounded = bounds is not None and bounds.bounded
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._sets = hierarchy.sets
@@ -161,26 +162,26 @@ class OptimisticSampler(BatchSampler):
         """The coarse cells (n,) of uniform poses, and these (n, 3) as x, y, θ: so many, each kept
         the likelier the more ξ of its cell may be above `best`; some, where few are kept."""
         cells, poses = drawn = self._coarse(count)
-        if best > -np.inf and self._bounded:
-            cells, poses = self._kept(*drawn, best)
+        if best > -np.inf and (bounds := self._bounds) is not None and bounds.bounded:
+            cells, poses = self._kept(*drawn, best, bounds)
             for _ in range(_REDRAWS):
                 if len(cells) >= count:
                     break
                 drawn = self._coarse(2 * count)
-                more, places = self._kept(*drawn, best)
+                more, places = self._kept(*drawn, best, bounds)
                 cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
         if not len(cells):
             cells, poses = drawn
         return self._as_nodes(cells[:count]), poses[:count]
 
-    def _kept(self, cells: Cells, poses: Array, best: float) -> tuple[Cells, Array]:
+    def _kept(self, cells: Cells, poses: Array, best: float, by: CellBounds) -> tuple[Cells, Array]:
         """Those of coarse cells (n,) with a pose each that are kept: a share that is what ξ may be
         above `best` at most, of what that is anywhere."""
-        step("bounding the objective")
         coarse, first = np.unique(cells["coarse"], return_index=True)
-        new = np.isnan(self._most[coarse])
-        if self._bounds is not None:
-            self._most[coarse[new]] = self._bounds.most(cells[first[new]], rough=True)
+        new = first[np.isnan(self._most[coarse])]
+        for rows in np.split(new, range(_BOUNDED_AT_ONCE, len(new), _BOUNDED_AT_ONCE)):
+            step("bounding the objective")
+            self._most[cells["coarse"][rows]] = by.most(cells[rows], rough=True)
         share = self._rng.random(len(cells)) * max(np.nanmax(self._most) - best, 0.0)
         is_kept = self._most[cells["coarse"]] - best > share
         return cells[is_kept], poses[is_kept]
@@ -224,7 +225,7 @@ class OptimisticSampler(BatchSampler):
         if self._bounds is None or not len(rows):
             return parts
         rows = rows[self._bounds.rulings(parts[rows]) == Ruling.OPEN]
-        if best > -np.inf and self._bounded:
+        if best > -np.inf and self._bounds.bounded:
             rows = rows[self._bounds.most(parts[rows], rough=True) > best]
         is_open[rows] = True
         return np.asarray(parts[is_open])
