@@ -138,6 +138,6 @@ class BranchBounds:
     def most(self, cells: Cells, rough: bool = False) -> Array:
         """(n,) what ξ does not exceed at any pose of the (n,) cells; inf where nothing is
         known."""
-        if not (self.bounded and isinstance(self._objective, SlowObjective)):
+        if not (len(cells) and self.bounded and isinstance(self._objective, SlowObjective)):
             return np.full(len(cells), np.inf)
         return self._objective.most_around(self.ranges(cells), rough) + SINGLE_ROUNDING
