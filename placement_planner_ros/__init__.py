@@ -32,7 +32,7 @@ g_max                                         search.sampler.SamplerSettings
 m_max                                         planner.PlannerSettings
 SampleGoals (Algorithm 2), 𝒢_n                search.sampler.BatchSampler.sample_goals
 ... its constraints in order                  sample_goals.goals.GoalFinder
-... Sample; IKSolver                          search.hierarchy.AfrNode.sample; reach.ik
+... Sample; IKSolver                          scene.regions.RegionPoints.sample; reach.ik
 ... by optimistic search, the default         search.optimistic.OptimisticSampler
 AFR hierarchy, Ch(n), l                       search.hierarchy.AfrHierarchy
 SelectAfrNode (Algorithm 3), UCB1             search.tree.SearchTree.select
