@@ -80,15 +80,17 @@ class BranchBounds:
         objective: Objective,
     ) -> None:
         self._sets = sets
-        self._poses, self._objective = poses, objective
+        self._poses = poses
         self._turning = np.array([frame is not None for frame in poses.contacts.frames], np.bool_)
         self._reach = _Reach(poses.contacts, holdings)
         frames = [frame for frame in poses.contacts.frames if frame is not None]
         self._T_face_object = np.array([frame.homogeneous for frame in frames])
         size = np.ptp(poses.problem.body.vertices, axis=0)
         self.turn_radius = 0.5 * float(np.linalg.norm(size))
-        slow = isinstance(objective, SlowObjective) and objective.bounded
-        self.bounded = slow and bool(self._turning.all())
+        # asked once: to tell takes as long as to bound some cells
+        slow = isinstance(objective, SlowObjective) and objective.bounded and self._turning.all()
+        self._slow = objective if isinstance(objective, SlowObjective) and slow else None
+        self.bounded = self._slow is not None
 
     @cached_property
     def _support(self) -> SupportBound:
@@ -138,6 +140,6 @@ class BranchBounds:
     def most(self, cells: Cells, rough: bool = False) -> Array:
         """(n,) what ξ does not exceed at any pose of the (n,) cells; inf where nothing is
         known."""
-        if not (len(cells) and self.bounded and isinstance(self._objective, SlowObjective)):
+        if not len(cells) or self._slow is None:
             return np.full(len(cells), np.inf)
-        return self._objective.most_around(self.ranges(cells), rough) + SINGLE_ROUNDING
+        return self._slow.most_around(self.ranges(cells), rough) + SINGLE_ROUNDING

@@ -43,10 +43,10 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-_BOUNDED_AT_ONCE = 64
-"""Cells that are bounded together; in between it is looked whether anybody waits."""
+_EVEN_AT_ONCE = 256
+"""Uniform poses whose cells are bounded together: 4 ms; then it is looked whether anybody waits."""
 _REDRAWS = 16
-"""Times that poses are drawn anew for those that can be no better: half a ms each."""
+"""Times that these are drawn anew where few can be better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +107,8 @@ class OptimisticSampler(BatchSampler):
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
+        # uniform poses with their cells that were kept, not used yet, and for which ξ_best
+        self._left, self._left_for = (self._drawn, np.empty((0, 3))), -np.inf
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first, and
@@ -161,27 +163,31 @@ class OptimisticSampler(BatchSampler):
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
         """The coarse cells (n,) of uniform poses, and these (n, 3) as x, y, θ: so many, each kept
         the likelier the more ξ of its cell may be above `best`; some, where few are kept."""
-        cells, poses = drawn = self._coarse(count)
-        if best > -np.inf and (bounds := self._bounds) is not None and bounds.bounded:
-            cells, poses = self._kept(*drawn, best, bounds)
-            for _ in range(_REDRAWS):
-                if len(cells) >= count:
-                    break
-                drawn = self._coarse(2 * count)
-                more, places = self._kept(*drawn, best, bounds)
-                cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
+        bounds = self._bounds
+        if best == -np.inf or bounds is None or not bounds.bounded:
+            cells, poses = self._coarse(count)
+            return self._as_nodes(cells), poses
+        # What the last draws left, unless better was placed since.
+        cells, poses = self._left if best == self._left_for else self._coarse(0)
+        drawn = cells, poses
+        for _ in range(_REDRAWS):
+            if len(cells) >= count:
+                break
+            drawn = self._coarse(_EVEN_AT_ONCE)
+            more, places = self._kept(*drawn, best, bounds)
+            cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
         if not len(cells):
             cells, poses = drawn
+        self._left, self._left_for = (cells[count:], poses[count:]), best
         return self._as_nodes(cells[:count]), poses[:count]
 
     def _kept(self, cells: Cells, poses: Array, best: float, by: CellBounds) -> tuple[Cells, Array]:
         """Those of coarse cells (n,) with a pose each that are kept: a share that is what ξ may be
         above `best` at most, of what that is anywhere."""
         coarse, first = np.unique(cells["coarse"], return_index=True)
-        new = first[np.isnan(self._most[coarse])]
-        for rows in np.split(new, range(_BOUNDED_AT_ONCE, len(new), _BOUNDED_AT_ONCE)):
-            step("bounding the objective")
-            self._most[cells["coarse"][rows]] = by.most(cells[rows], rough=True)
+        new = np.isnan(self._most[coarse])
+        step("bounding the objective")
+        self._most[coarse[new]] = by.most(cells[first[new]], rough=True)
         share = self._rng.random(len(cells)) * max(np.nanmax(self._most) - best, 0.0)
         is_kept = self._most[cells["coarse"]] - best > share
         return cells[is_kept], poses[is_kept]
