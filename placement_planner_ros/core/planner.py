@@ -373,7 +373,8 @@ class PlacementPlanner:
             # placed first is optimised.
             found = None
             if self.motion.goals > 0:
-                found = self.motion.plan(self._settings.motion_iterations, should_stop)
+                n = self._settings.motion_iterations * (3 if best > -np.inf else 1)
+                found = self.motion.plan(n, should_stop)
                 self.statistics.motion_iterations = self.motion.iterations
             found = found or self._unoptimized
             if found is None:
