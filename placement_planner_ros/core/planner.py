@@ -95,7 +95,7 @@ class PlannerSettings(Settings):
     local_optimization: bool = setting(
         True, text="Whether each placement is optimised locally before it is published."
     )
-    motion_iterations: int = setting(50, "[1, inf)")
+    motion_iterations: int = setting(150, "[1, inf)")
     ik_seeds: int = setting(63, "[1, inf)")
     min_improvement: float = setting(1e-4, "[0, inf)")
     support: SupportName = setting(
@@ -373,8 +373,7 @@ class PlacementPlanner:
             # placed first is optimised.
             found = None
             if self.motion.goals > 0:
-                n = self._settings.motion_iterations * (3 if best > -np.inf else 1)
-                found = self.motion.plan(n, should_stop)
+                found = self.motion.plan(self._settings.motion_iterations, should_stop)
                 self.statistics.motion_iterations = self.motion.iterations
             found = found or self._unoptimized
             if found is None:

@@ -221,7 +221,8 @@ def _box_around(hull: ConvexPart) -> Array:
 def _common_hull(a: ConvexPart, b: ConvexPart, far: FarCells) -> ConvexPart | None:
     """The hull of both; None where it holds far points."""
     some, others = (hull.vertices[:: 1 + len(hull.vertices) // 32] for hull in (a, b))
-    if far.hold_one_of(0.5 * (some[:, None] + others).reshape(-1, 3)):  # which is found sooner
+    middles = 0.5 * (some[:, None] + others).reshape(-1, 3)
+    if far.cells[far.grid.cells_of(middles)].any():  # which is found sooner
         return None
     made = hull_around(np.concatenate([a.vertices, b.vertices]))
     return None if far.is_met_by(made) else made

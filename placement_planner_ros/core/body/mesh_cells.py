@@ -48,10 +48,6 @@ class FarCells:
         """What is further from the mesh by two cells."""
         return self.grid.far(self.reach + 2.0 * self.grid.cell)
 
-    def hold_one_of(self, points: Array) -> bool:
-        """Whether one of points (n, 3) within the box of all cells is in a far one."""
-        return bool(self.cells[self.grid.cells_of(points)].any())
-
     def is_met_by(self, hull: ConvexPart) -> bool:
         """Whether a hull may hold a far point."""
         low, high, half = hull.vertices.min(axis=0), hull.vertices.max(axis=0), 0.5 * self.grid.cell

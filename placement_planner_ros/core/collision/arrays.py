@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
+from placement_planner_ros.core.collision.meshes import MeshArrays, shared_arrays
 from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows
 from placement_planner_ros.core.collision.spheres import body_rows
 from placement_planner_ros.core.disk_cache import digest_of
@@ -184,10 +184,10 @@ def lay_out_arm(
         excess: how far the finest covering spheres may stick out, metres.
     """
     # The bodies' rows, each in the frame of its joint with all joints at zero.
-    joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
+    joint_frames = itertools.accumulate(chain.fixed[:-1], np.matmul)
+    at_zero = [*map(np.linalg.inv, joint_frames), np.eye(4)]  # the last of what no joint moves
     laid_out = [
-        (body, *body_rows(body, _at_zero(body, joint_frames).homogeneous.tobytes(), excess))
-        for body in bodies
+        (body, *body_rows(body, at_zero[max(body.joint, -1)].tobytes(), excess)) for body in bodies
     ]
     # The outer and the larger collide most often.
     laid_out.sort(
@@ -225,11 +225,6 @@ def lay_out_arm(
     )
     set_body = np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows])
     return FlatArm(arrays, sum(sizes), ordered, set_body, rows)
-
-
-def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
-    """T_joint_world of the joint that a body belongs to, with all joints at zero."""
-    return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
 def lone_body(rows: SolidRows) -> FlatArm:
@@ -303,7 +298,8 @@ def pair_arrays(moving: int, pairs: Index) -> dict[str, Any]:
     bodies = np.column_stack([np.arange(moving), np.zeros(moving, dtype=np.int64)])
     return {
         "pairs": pairs,
-        "movers": np.vstack([bodies, pairs[:, [PAIR_OUTER, PAIR_OUTWARD]]]),
+        # in C order where there is one body, too, or kernels are compiled for it
+        "movers": np.ascontiguousarray(np.vstack([bodies, pairs[:, [PAIR_OUTER, PAIR_OUTWARD]]])),
         "pair_lower": np.zeros((len(pairs), 2)),
         "tables": NO_TABLES,
         "clear": 0.0,
@@ -318,7 +314,8 @@ def _stack_bodies(
     sets = [len(each.radius) for each in bodies]
     ends = [*rows.sizes[:1], *rows.sizes[2:3], 0, -1]
     # In the same order for each arm of a robot, so that they share the arrays.
-    trees = list(dict.fromkeys(sorted(rows.meshes, key=_mesh_order)))
+    ordered = sorted(rows.meshes, key=lambda tree: (len(tree.corners), float(tree.corners.sum())))
+    trees = list(dict.fromkeys(ordered))
     number = {tree: i for i, tree in enumerate(trees)}
     meshes = np.column_stack(
         [
@@ -338,8 +335,3 @@ def _stack_bodies(
 
 _AS_THEY_ARE = "nodes", "node_spheres", "radius", "vertices", "mesh_frames"
 """Fields that `ArmArrays` has from `SolidRows`."""
-
-
-def _mesh_order(tree: MeshTree) -> tuple[int, float]:
-    """What orders the meshes of a robot."""
-    return len(tree.corners), float(tree.corners.sum())

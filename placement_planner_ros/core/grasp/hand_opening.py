@@ -47,7 +47,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
     hand, change = np.frombuffer(hand_bytes), np.frombuffer(change_bytes)
     # Which joints move each frame, and by how much the parts turn together.
-    turns = revolute_coordinates(robot)
+    turns = ~np.isin(robot.joint_names, list(robot.prismatic))  # which coordinates are angles
     joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
     movers = {joint: moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
     turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
@@ -104,11 +104,6 @@ def moving_coordinates(robot: Robot, joint: int) -> Mask:
     result = np.zeros(robot.model.nq, np.bool_)
     result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
     return result
-
-
-def revolute_coordinates(robot: Robot) -> Mask:
-    """(nq,) which coordinates are angles."""
-    return ~np.isin(robot.joint_names, list(robot.prismatic))
 
 
 def joint_frames(robot: Robot, q: Array, change: Array, steps: int) -> list[list[pin.SE3]]:

@@ -176,8 +176,7 @@ class OptimisticSampler(BatchSampler):
             drawn = self._coarse(_EVEN_AT_ONCE)
             more, places = self._kept(*drawn, best, bounds)
             cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
-        if not len(cells):
-            cells, poses = drawn
+        cells, poses = (cells, poses) if len(cells) else drawn
         self._left, self._left_for = (cells[count:], poses[count:]), best
         return self._as_nodes(cells[:count]), poses[:count]
 

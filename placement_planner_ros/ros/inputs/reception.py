@@ -78,9 +78,8 @@ class Reception:
             subscribe(String, topic, lambda m: robot.set_semantic(m.data), LATCHED)
         # as bytes, so that no message is made for each triangle
         subscribe(Mesh, "~/object", self._take_object, LATCHED, raw=True)
-        subscribe(
-            MarkerArray, "~/known_objects", self._take_known, latched(100)
-        )  # each may tell of others
+        # each may tell of others
+        subscribe(MarkerArray, "~/known_objects", self._take_known, latched(100))
 
     def _take_known(self, message: MarkerArray) -> None:
         for fault in self._inputs.known.take(message):

@@ -124,7 +124,8 @@ class ParameterServer:
         # declared one after the other, as some say which others there are
         self.current = ParameterSet(all_specs(declare), values, self._given)
         # rclpy calls them in this order: convert, refuse, take in
-        node.add_pre_set_parameters_callback(self._convert)
+        # Values get the type of their parameter; bad ones are left for `_validate` to refuse.
+        node.add_pre_set_parameters_callback(lambda given: list(map(self._converted, given)))
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._store)
 
@@ -133,10 +134,6 @@ class ParameterServer:
         mine = [name for name in self._given if not name.startswith(NOT_OURS)]
         unknown = [name for name in mine if name not in self.current.specs]
         return self.current.unknown(unknown[:NAMED_THINGS])
-
-    def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Give values the type of their parameter; bad ones are left for `_validate` to refuse."""
-        return [self._converted(parameter) for parameter in parameters]
 
     def _converted(self, parameter: Parameter) -> Parameter:
         name = parameter.name

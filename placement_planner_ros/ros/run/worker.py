@@ -16,6 +16,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
+from placement_planner_ros.ros.process import shrink_heaps
 from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.spinning import survive
@@ -260,6 +261,7 @@ class Run:
         outcome = survive(self._search, self.fail)
         if outcome is not None:
             self._become(outcome)
+        shrink_heaps()
 
     def _prepared(self) -> PlacementPlanner:
         """The planner, once all is compiled.
