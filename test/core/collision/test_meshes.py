@@ -66,13 +66,11 @@ def coal_distance(a, b, T):
 
 def surrounded(mesh, points):
     """(n,) whether the triangles go once around each point (n, 3), by their solid angles."""
-    angles = np.zeros(len(points))
-    for corners in mesh.triangles:
-        a, b, c = (corner - points for corner in corners)
-        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=1)
-        dots = [(u * v).sum(axis=1) * w for u, v, w in ((a, b, lc), (b, c, la), (c, a, lb))]
-        angles += 2.0 * np.arctan2(volume, la * lb * lc + sum(dots))
+    a, b, c = np.moveaxis(mesh.triangles - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(each, axis=-1) for each in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=-1)
+    dots = [(u * v).sum(axis=-1) * w for u, v, w in ((a, b, lc), (b, c, la), (c, a, lb))]
+    angles = 2.0 * np.arctan2(volume, la * lb * lc + sum(dots)).sum(axis=1)
     return np.abs(angles) > 2.0 * np.pi
 
 
