@@ -110,11 +110,15 @@ def test_plans_stay_a_little_within_the_joint_limits():
 
 
 def test_the_first_placement_comes_before_its_local_optimisation():
-    asked = {"samples": 4000, "optimistic": OptimisticSettings(uniform_first=2000)}
-    with_it, without = (plan(**asked, local_optimization=on)[1] for on in (True, False))
+    # few iterations, so that no other goal is reached meanwhile
+    rare = {"motion_iterations": 5, "optimistic": OptimisticSettings(uniform_first=2000)}
+    with_it, without = (
+        plan(samples=4000, **rare, local_optimization=on)[1] for on in (True, False)
+    )
     assert with_it[0].objective == without[0].objective
     assert with_it[1].objective > with_it[0].objective
-    assert with_it[1].goal.arm == with_it[0].goal.arm != without[1].goal.arm
+    assert with_it[1].goal.arm == with_it[0].goal.arm
+    assert with_it[1].objective != without[1].objective
 
 
 def test_a_grasp_that_cannot_be_is_left_out_and_named():
