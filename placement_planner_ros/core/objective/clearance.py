@@ -117,8 +117,8 @@ class Clearance:
 
 
 def thinned_points(points: Array, least: int) -> Array:
-    """Every second to 16th of the (n, 3) voxel centres, spread evenly, so many at least."""
+    """Some of the (n, 3) voxel centres, spread evenly, so many at least if there are."""
     # Keep a share by the sum of the grid indices, which spreads them.
-    share = next((s for s in (16, 8, 4, 2) if len(points) >= least * s), 1)
+    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= least * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
     return np.asarray(points[(index[0] + 3 * index[1] + 5 * index[2]) % share == 0])

@@ -109,6 +109,8 @@ class OptimisticSampler(BatchSampler):
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
         # uniform poses with their cells that were kept, not used yet, and for which ξ_best
         self._left, self._left_for = (self._drawn, np.empty((0, 3))), -np.inf
+        # the pose sets in which something better was free since, but not reached
+        self._hopeful = np.zeros(len(self._sets), np.bool_)
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first, and
@@ -158,6 +160,7 @@ class OptimisticSampler(BatchSampler):
         self._model.learn(cells, verdicts, outcome.values)
         # A cell too small to be split is split nevertheless if what is better there is not reached.
         missed = (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
+        self._hopeful[cells["set"][missed]] = True
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
@@ -168,7 +171,9 @@ class OptimisticSampler(BatchSampler):
             cells, poses = self._coarse(count)
             return self._as_nodes(cells), poses
         # What the last draws left, unless better was placed since.
-        cells, poses = self._left if best == self._left_for else self._coarse(0)
+        if best != self._left_for:
+            self._left, self._hopeful[:] = self._coarse(0), False
+        cells, poses = self._left
         drawn = cells, poses
         for _ in range(_REDRAWS):
             if len(cells) >= count:
@@ -193,7 +198,7 @@ class OptimisticSampler(BatchSampler):
 
     def _coarse(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
-        sets, poses = self._uniform.draw(count)
+        sets, poses = self._uniform.draw(count, np.flatnonzero(self._hopeful))
         # The coarse cell that each pose lies in.
         low, high = self._sets.low[sets], self._sets.high[sets]
         size = (high - low) / self._steps
