@@ -170,10 +170,6 @@ class Holding:
         tracked = self._ik.track(self.tip_pose(T_world_object)[None], q)
         return None if tracked is None else np.asarray(tracked[-1])
 
-    def free_at_contact(self, q: Array) -> bool:
-        """q ∈ C_free with the object resting on its support."""
-        return self.collision.free(q, self._reserve, contact=True)
-
     def transit_free(self, a: Array, b: Array) -> bool:
         """Whether a whole straight joint motion is free and keeps the tilt, with what planning
         keeps in reserve."""
@@ -227,7 +223,7 @@ class Holding:
             The certified motion, or the verdict that names what stood in the way.
         """
         # Contact and release.
-        if not self.free_at_contact(q):
+        if not self.collision.free(q, self._reserve, contact=True):
             return Verdict.ARM_COLLIDING
         released = self.open_hand.release_free(q)
         if self.require_retreat and not released:

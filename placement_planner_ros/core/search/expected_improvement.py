@@ -36,7 +36,8 @@ GRADED_CELL = np.dtype(
     ]
 )
 """A cell and what is known of it; before its sample, all but its depth of the cell above."""
-_NODE = np.dtype([("above", np.int64), ("tries", np.float64), ("reached", np.float64)])
+_NODE = np.dtype([("above", np.int64), ("counts", np.float64, 2)])
+"""The cell above; tries to reach poses, and how many of them did."""
 
 _TRIES = 2.0
 """Tries, or samples, that what was to be expected before counts as."""
@@ -67,7 +68,7 @@ class ImprovementModel:
         self._spread = 0.5 ** np.arange(DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        self._nodes = np.full(faces, np.array((-1, 0.0, 0.0), dtype=_NODE))
+        self._nodes = np.full(faces, np.array((-1, 0.0), dtype=_NODE))
 
     @property
     def mean(self) -> float:
@@ -90,24 +91,22 @@ class ImprovementModel:
         # From a half down: what is expected above counts as some tries.
         chances = np.full(len(cells), 0.5)
         for numbers in reversed(path[:-1]):
-            nodes = self._nodes[numbers]
-            of = (nodes["reached"] + _TRIES * chances) / (nodes["tries"] + _TRIES)
+            tries, reached = self._nodes["counts"][numbers].T
+            of = (reached + _TRIES * chances) / (tries + _TRIES)
             chances = np.where(numbers >= 0, of, chances)
         return chances
 
     def count_try(self, cell: np.void, tried: float, reached: float) -> None:
         """Count a try in a part of a cell, in its node and all above, where it counts the less the
         more of them were made in this part: many that fail in one say little of the others."""
-        number = int(cell["node"])
+        number, added = int(cell["node"]), np.array([tried, reached])
         while number >= 0:
-            node = self._nodes[number]
-            counted = np.array([node["tries"], node["reached"]])
-            before = counted / (1.0 + counted[0] / _TRIES_OF_PART)
-            counted += tried, reached
-            node["tries"], node["reached"] = counted
-            tried, reached = counted / (1.0 + counted[0] / _TRIES_OF_PART) - before
+            counts = self._nodes["counts"][number]
+            before = counts / (1.0 + counts[0] / _TRIES_OF_PART)
+            counts += added
+            added = counts / (1.0 + counts[0] / _TRIES_OF_PART) - before
             # One level up.
-            number = int(node["above"])
+            number = int(self._nodes["above"][number])
 
     def learn(self, cells: Cells, verdicts: Index, values: Array) -> None:
         """Learn from the samples of cells (n,), and write into these what is known after them."""

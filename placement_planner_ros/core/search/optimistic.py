@@ -9,6 +9,7 @@ what the arms fail to reach promises less with each try. Poses are reached for i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -91,7 +92,7 @@ class OptimisticSampler(BatchSampler):
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._sets = hierarchy.sets
         # a coarse cell lies two levels of the hierarchy below its pose set
-        self._steps = np.array([2, 2, hierarchy.settings.angle_intervals]) ** 2
+        self._shape = (max(len(self._sets), 1), 4, 4, hierarchy.settings.angle_intervals**2)
         self._min_area = hierarchy.settings.min_area
         self._model = ImprovementModel(hierarchy.faces)
         # the cells that have not been split, and what each promises, -1 where there is none; which
@@ -99,7 +100,7 @@ class OptimisticSampler(BatchSampler):
         self._filed = np.zeros(MAX_CELLS, dtype=GRADED_CELL)
         self._worth = np.full(MAX_CELLS, -1.0)
         self._room = np.arange(MAX_CELLS)  # rows for new ones
-        self._split = np.zeros(len(self._sets) * self._steps.prod() + 1, np.bool_)
+        self._split = np.zeros(math.prod(self._shape) + 1, np.bool_)
         self._nodes = np.full(len(self._split), -1)  # of the coarse cells, once graded
         self._most = np.full(len(self._split), np.nan)  # what ξ is at most there, once asked for
         # goals that wait for their motion: ξ, and the cell that they were found in
@@ -174,14 +175,12 @@ class OptimisticSampler(BatchSampler):
         if best != self._left_for:
             self._left, self._hopeful[:] = self._coarse(0), False
         cells, poses = self._left
-        drawn = cells, poses
         for _ in range(_REDRAWS):
             if len(cells) >= count:
                 break
-            drawn = self._coarse(_EVEN_AT_ONCE)
-            more, places = self._kept(*drawn, best, bounds)
-            cells, poses = np.concatenate([cells, more]), np.concatenate([poses, places])
-        cells, poses = (cells, poses) if len(cells) else drawn
+            more = self._kept(*self._coarse(_EVEN_AT_ONCE), best, bounds)
+            cells, poses = (np.concatenate(both) for both in zip((cells, poses), more, strict=True))
+        cells, poses = (cells, poses) if len(cells) else self._coarse(count)
         self._left, self._left_for = (cells[count:], poses[count:]), best
         return self._as_nodes(cells[:count]), poses[:count]
 
@@ -201,14 +200,13 @@ class OptimisticSampler(BatchSampler):
         sets, poses = self._uniform.draw(count, np.flatnonzero(self._hopeful))
         # The coarse cell that each pose lies in.
         low, high = self._sets.low[sets], self._sets.high[sets]
-        size = (high - low) / self._steps
-        place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1).astype(np.int64)
+        steps = np.array(self._shape[1:])
+        size = (high - low) / steps
+        place = np.clip(np.floor((poses - low) / size), 0, steps - 1).astype(np.int64)
         corner = low + place * size
         cells = np.zeros(count, dtype=GRADED_CELL)
         cells["set"], cells["low"], cells["high"] = sets, corner, low + (place + 1.0) * size
-        cells["coarse"] = np.ravel_multi_index(
-            (sets, *place.T), (max(len(self._sets), 1), *self._steps)
-        )
+        cells["coarse"] = np.ravel_multi_index((sets, *place.T), self._shape)
         return cells, poses
 
     def _as_nodes(self, cells: Cells) -> Cells:
