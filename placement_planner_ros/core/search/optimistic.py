@@ -108,9 +108,9 @@ class OptimisticSampler(BatchSampler):
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
-        # uniform poses with their cells that were kept, not used yet, and for which ξ_best
-        self._left, self._left_for = (self._drawn, np.empty((0, 3))), -np.inf
-        # the pose sets in which something better was free since, but not reached
+        # for this ξ_best: cells and poses kept of uniform ones, but not used yet; and the pose sets
+        # in which something better was free, but not reached
+        self._drawn_for, self._left = -np.inf, (self._drawn, np.empty((0, 3)))
         self._hopeful = np.zeros(len(self._sets), np.bool_)
 
     def _draw(self, best: float) -> Draws:
@@ -121,6 +121,8 @@ class OptimisticSampler(BatchSampler):
         for _, cell in (each for each in self._waiting if each[0] <= best):
             self._model.count_try(cell, 0.0, 1.0)
         self._waiting = [each for each in self._waiting if each[0] > best]
+        if best != self._drawn_for:
+            self._drawn_for, self._left, self._hopeful[:] = best, self._coarse(0), False
         share = self._settings.uniform_share
         left = self._settings.uniform_first - self.count.samples
         early = left > 0 or (best == -np.inf and self._waiting)
@@ -171,9 +173,7 @@ class OptimisticSampler(BatchSampler):
         if best == -np.inf or bounds is None or not bounds.bounded:
             cells, poses = self._coarse(count)
             return self._as_nodes(cells), poses
-        # What the last draws left, unless better was placed since.
-        if best != self._left_for:
-            self._left, self._hopeful[:] = self._coarse(0), False
+        # What the last draws left, and more.
         cells, poses = self._left
         for _ in range(_REDRAWS):
             if len(cells) >= count:
@@ -181,7 +181,7 @@ class OptimisticSampler(BatchSampler):
             more = self._kept(*self._coarse(_EVEN_AT_ONCE), best, bounds)
             cells, poses = (np.concatenate(both) for both in zip((cells, poses), more, strict=True))
         cells, poses = (cells, poses) if len(cells) else self._coarse(count)
-        self._left, self._left_for = (cells[count:], poses[count:]), best
+        self._left = cells[count:], poses[count:]
         return self._as_nodes(cells[:count]), poses[:count]
 
     def _kept(self, cells: Cells, poses: Array, best: float, by: CellBounds) -> tuple[Cells, Array]:
