@@ -131,14 +131,10 @@ def test_entry_points_are_registered(prefix):
         assert any(f"{name} = {PACKAGE}.__main__:{name}" in text for text in texts)
 
 
-def citation():
-    return yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-
-
 def test_versions_agree(keywords):
     version = ET.parse(ROOT / "package.xml").findtext("version")
     assert keywords["version"] == version
-    assert citation()["version"] == version
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == version
     newest = re.search(r"^## \[([\d.]+)\]", (ROOT / "CHANGELOG.md").read_text(), re.M)
     assert newest[1] == version
 

@@ -36,7 +36,9 @@ def carried_polygon(
                 facets.append(_outline(vertices[of_plane] @ axes.T))
     found = [np.zeros((0, 2))]
     for triangle in triangles[near]:
-        touching = _below(triangle, normal, lowest + tolerances.flatness) @ axes.T
+        # what of it is not above that height along the normal
+        height = lowest + tolerances.flatness
+        touching = _kept(triangle, triangle @ normal - height) @ axes.T
         for outline in facets:
             apart = (touching.min(axis=0) > outline.max(axis=0)) | (
                 touching.max(axis=0) < outline.min(axis=0)
@@ -92,11 +94,6 @@ def _outline(points: Array) -> Array:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
         return np.zeros((0, 2))
-
-
-def _below(triangle: Array, normal: Array, height: float) -> Array:
-    """(k, 3) what of a triangle (3, 3) is not above that height along the normal."""
-    return _kept(triangle, triangle @ normal - height)
 
 
 def clipped(polygon: Array, outline: Array) -> Array:

@@ -64,16 +64,12 @@ def one_bit(data):
     return bytes(whole)
 
 
-def a_lost_block(data):
-    return data[:1024] + bytes(512) + data[1536:]
-
-
 DAMAGES = {
     "nothing": lambda _: b"",
     "garbage": lambda _: b"garbage" * 50,
     "half": lambda data: data[: len(data) // 2],
     "one bit": one_bit,
-    "a lost block": a_lost_block,
+    "a lost block": lambda data: data[:1024] + bytes(512) + data[1536:],
 }
 
 

@@ -19,14 +19,10 @@ def slope_of(degrees, azimuth):
     return float(steep * np.cos(azimuth)), float(steep * np.sin(azimuth))
 
 
-def pivot_of(volume):
-    """(3,) what stays where it is; at z = 0, where the bundled table is."""
-    return np.array([*(0.5 * (volume.lower + volume.upper)[:2]), 0.0])
-
-
 def tilted(points, volume, degrees, azimuth):
     """(n, 3) points turned with the table."""
-    pivot = pivot_of(volume)
+    # what stays where it is; at z = 0, where the bundled table is
+    pivot = np.array([*(0.5 * (volume.lower + volume.upper)[:2]), 0.0])
     return (points - pivot) @ upright(slope_of(degrees, azimuth)).T + pivot
 
 

@@ -106,10 +106,6 @@ def untilted(inputs, words):
     return inputs.but(sensor_poses__camera=pose(turned((-y, x, 0.0), angle)))
 
 
-def in_metres(inputs, _):
-    return replace(inputs, points=inputs.points / 1000.0)
-
-
 def with_parameters(**parameters):
     return lambda inputs, _: inputs.but(**parameters)
 
@@ -274,7 +270,7 @@ SITUATIONS = {
         Inputs(points=1000.0 * TABLE),
         "NO_REGION",
         "cloud_topics",
-        in_metres,
+        lambda inputs, _: replace(inputs, points=inputs.points / 1000.0),
         "taken to be metres",
     ),
     "a margin too wide for the hand": Situation(

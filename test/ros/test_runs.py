@@ -24,10 +24,6 @@ def placed(b, *offers):
     return int(b.call("stop").run)
 
 
-def last_run(b):
-    return b.node._commands.run.number
-
-
 # --- numbers
 
 
@@ -38,7 +34,7 @@ def test_numbers_grow_over_the_lives_of_nodes(ros):
         try:
             for _ in range(2):
                 planner = started(b)
-                numbers.append(last_run(b))
+                numbers.append(b.node._commands.run.number)
                 planner.offers.append(0.1)
                 key = f"{numbers[-1]}/1"
                 b.wait(lambda b=b, key=key: b.messages("trajectory")[-1].header.frame_id == key)

@@ -163,7 +163,7 @@ class OptimisticSampler(BatchSampler):
         self._model.learn(cells, verdicts, outcome.values)
         # A cell too small to be split is split nevertheless if what is better there is not reached.
         missed = (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
-        self._hopeful[cells["set"][missed]] = True
+        self._hopeful[cells["set"][missed]] = best > -np.inf
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:

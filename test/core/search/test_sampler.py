@@ -199,7 +199,7 @@ def test_what_is_better_and_hard_to_reach_is_not_put_aside():
         settings = OptimisticSettings(samples_per_call=100, uniform_first=200)
         made = OptimisticSampler(hierarchy(), checker, settings, np.random.default_rng(seed))
         best = -np.inf
-        while made.count.samples < 4000:
+        while made.count.samples < 8000:
             best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
         found.append(best)
     assert found == [1.0] * 5
@@ -290,6 +290,20 @@ def test_even_poses_are_drawn_by_what_they_may_add(best, upper):
     # Where nothing may be better all is drawn from still, and any number of poses.
     assert len(checker.contacts) >= 2000
     assert share == pytest.approx(0.08 * upper / (0.09 + 0.08 * upper), abs=0.05 * upper)
+
+
+def test_half_of_the_even_poses_are_drawn_where_what_is_better_was_not_reached():
+    settings = {"samples_per_call": 4000, "uniform_first": 4000, "uniform_share": 0.9}
+    made, checker = sampler(OptimisticSampler, **settings)
+    checker.judge = lambda arm, contact, angle, best: (
+        (Verdict.NO_IK, 1.0) if contact[0] > 1.0 and angle < 0.3 else (Verdict.COLLIDING, -np.inf)
+    )
+    evenly = 0.5 * 0.01 / 0.17 + 0.5 * 0.5
+    for best, share in ((-np.inf, evenly), (0.0, 0.5 * evenly + 0.5), (2.0, evenly)):
+        made.sample_goals(best, never)
+        x, _, angle, _ = np.array(checker.contacts[-3000:]).T
+        # of others than parts of what was not reached
+        assert (x[angle > 0.5] > 0.5).mean() == pytest.approx(share, abs=0.05)
 
 
 class NearTheCorner:
