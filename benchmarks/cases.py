@@ -13,12 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks.household import (
-    HOUSEHOLD,
-    OBJECT_NAMES,
-    SINGLE_MESHES,
-    object_by_name,
-)
+from benchmarks.household import HOUSEHOLD, OBJECT_NAMES, SINGLE_MESHES, object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.objective.by_name import make_objective

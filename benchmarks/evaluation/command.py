@@ -13,11 +13,7 @@ from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.household import ALL_OBJECTS
 from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
-from benchmarks.options import (
-    add_case_options,
-    add_job_options,
-    wanted_cases,
-)
+from benchmarks.options import add_case_options, add_job_options, wanted_cases
 from benchmarks.record import RUNS_FILE, Trial, describe_run, run_trial
 from benchmarks.variants import PAPER_VARIANTS, VARIANTS
 from benchmarks.yardstick.exhaustive_search import (

@@ -21,11 +21,7 @@ from helpers.browser import Browser
 
 from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.demo.command import published
-from placement_planner_ros.demo.processes import (
-    node_arguments,
-    node_running,
-    page_served,
-)
+from placement_planner_ros.demo.processes import node_arguments, node_running, page_served
 from placement_planner_ros.demo.setting import bundled
 from placement_planner_ros.ros.process import begin_ros
 

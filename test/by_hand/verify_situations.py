@@ -24,12 +24,7 @@ from benchmarks.json_lines import append_line, read_lines
 from benchmarks.situations.catalogue import situation_by_name
 from benchmarks.situations.observing import observe
 from benchmarks.situations.report import VERDICTS_FILE
-from benchmarks.situations.runs import (
-    OBJECTIVE,
-    RUNS_FILE,
-    SOLUTIONS,
-    job_key,
-)
+from benchmarks.situations.runs import OBJECTIVE, RUNS_FILE, SOLUTIONS, job_key
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
 
 

@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core import disk_cache
-from placement_planner_ros.core.disk_cache import (
-    code_digest,
-    digest_of,
-    stored_result,
-)
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 
 KIND, KEY = "test results", digest_of("a key")
 

@@ -9,16 +9,7 @@ from pathlib import Path
 import numpy as np
 from helpers.fakes import values_of
 from helpers.published import pose_of, solution_of, task_of
-from helpers.system import (
-    NODE,
-    OBJECT,
-    PARTS,
-    SCENE,
-    Client,
-    start_node,
-    start_when_ready,
-    wait,
-)
+from helpers.system import NODE, OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
 from helpers.tasks import yumi_checker
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters

@@ -5,11 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.scenes.clouds import (
-    CameraNoise,
-    camera_clouds,
-    complete_cloud,
-)
+from placement_planner_ros.scenes.clouds import CameraNoise, camera_clouds, complete_cloud
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 

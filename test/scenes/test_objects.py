@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.scenes.objects import (
-    BUNDLED_OBJECTS,
-    GraspedObject,
-    object_by_name,
-)
+from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS, GraspedObject, object_by_name
 
 
 @dataclass(frozen=True)

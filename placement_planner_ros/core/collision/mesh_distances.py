@@ -41,11 +41,13 @@ class SolidSurface:
 
         Returns:
             (n,) metres, infinite from `cap` on, -infinite as deep inside; (n, 3) the nearest point
-            of the triangles, NaN where that is so.
+            of it, NaN where that is so.
         """
         found, nearest = np.empty(len(points)), np.full((len(points), 3), np.nan)
         given = np.ascontiguousarray(points, dtype=np.float64)
         _signed_distances(given, self.mesh, cap + self.radius, found, nearest)
+        # from the triangles on, by the radius outwards
+        nearest += (given - nearest) * (self.radius / np.where(found == 0.0, 1.0, found))[:, None]
         return found - self.radius, nearest
 
 

@@ -112,16 +112,10 @@ class SearchTree:
         node, depth, add = 0, 0, True
         while True:
             # Down as far as the tree goes, in one compiled call.
-            node, depth, add = _descend_tree(
-                node,
-                depth,
-                self._hierarchy.MIN_SAMPLE_DEPTH,
-                self._exploration,
-                len(self.nodes) < self._max_nodes,
-                (self._first_child, self._next_sibling),
-                (self._added, self._total),
-                (self.visits, self.rewards),
-            )
+            may_add = len(self.nodes) < self._max_nodes
+            links, children = (self._first_child, self._next_sibling), (self._added, self._total)
+            given = self._hierarchy.MIN_SAMPLE_DEPTH, self._exploration, may_add, links, children
+            node, depth, add = _descend_tree(node, depth, *given, (self.visits, self.rewards))
             if not add or self.is_leaf(node):
                 return node
             # Add a child, and go on from there.

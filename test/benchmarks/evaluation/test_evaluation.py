@@ -13,20 +13,13 @@ from helpers.problems import problem_of
 from benchmarks.__main__ import main
 from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner
 from benchmarks.cases import Case
-from benchmarks.evaluation.comparisons import (
-    compare,
-)
+from benchmarks.evaluation.comparisons import compare
 from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.relative import Scale, area_under_curve, values_at
 from benchmarks.evaluation.resampling import mean_interval
 from benchmarks.evaluation.results import EvaluationResults
 from benchmarks.json_lines import append_line, read_lines
-from benchmarks.record import (
-    RecordedRun,
-    RecordedSolution,
-    Trial,
-    trial_entry,
-)
+from benchmarks.record import RecordedRun, RecordedSolution, Trial, trial_entry
 from benchmarks.yardstick.exhaustive_search import YardstickJob, measure_yardstick
 from placement_planner_ros.core.errors import ParameterError
 

@@ -5,11 +5,7 @@ import pytest
 import trimesh
 
 from benchmarks.robots import agreement
-from benchmarks.robots.agreement import (
-    RobotFiles,
-    clutter_around,
-    compare_answers,
-)
+from benchmarks.robots.agreement import RobotFiles, clutter_around, compare_answers
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.robot.model import Robot

@@ -8,13 +8,7 @@ import pytest
 from benchmarks.__main__ import main
 from benchmarks.robots.command import RAW_FILE, robots_table
 from benchmarks.robots.subject import read_measured_robot
-from benchmarks.robots.things import (
-    CLOUDS,
-    OBJECTS,
-    object_of,
-    observe,
-    table_of,
-)
+from benchmarks.robots.things import CLOUDS, OBJECTS, object_of, observe, table_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.share import share_path
 

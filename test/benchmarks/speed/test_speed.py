@@ -6,9 +6,7 @@ import json
 
 from benchmarks.__main__ import main
 from benchmarks.cases import Case
-from benchmarks.speed.rows import (
-    MADE_WITH,
-)
+from benchmarks.speed.rows import MADE_WITH
 from benchmarks.speed.searches import measure_sampling
 
 CASE = Case("table", "small_crayons_box", "maximize_clearance")

@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.worlds.command import (
-    WorldJob,
-    _generator,
-    _judge_of,
-    _searched,
-    worlds_table,
-)
+from benchmarks.worlds.command import WorldJob, _generator, _judge_of, _searched, worlds_table
 from benchmarks.worlds.kinds import KINDS
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import Scene

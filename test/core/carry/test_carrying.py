@@ -5,14 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checker import (
-    RobotModel,
-    Solution,
-    Tolerances,
-    check_carrying,
-    check_limits,
-    way_of_object,
-)
+from checker import RobotModel, Solution, Tolerances, check_carrying, check_limits, way_of_object
 from helpers import few_joints
 from helpers.problems import problem_of
 from helpers.tasks import yumi_task
@@ -21,10 +14,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.errors import StartError
-from placement_planner_ros.core.grasp.start_state_check import (
-    StartRules,
-    faults_at_start,
-)
+from placement_planner_ros.core.grasp.start_state_check import StartRules, faults_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.wishes.settings import TurnSettings

@@ -34,7 +34,19 @@ def test_only_what_is_enclosed_is_inside():
 
 def test_points_and_lines_have_a_radius():
     line = np.array([[[0.0, 0, 0], [1.0, 0, 0], [1.0, 0, 0]]])
-    found, _ = SolidSurface.of(line, 0.1).distances(
-        np.array([[0.5, 0.3, 0.0], [1.2, 0.0, 0.0], [0.5, 0.05, 0.0]]), 1.0
-    )
-    assert found == pytest.approx([0.2, 0.1, -0.05])
+    points = np.array([[0.5, 0.3, 0.0], [1.2, 0.0, 0.0], [0.5, 0.05, 0.0], [3.0, 0.0, 0.0]])
+    found, nearest = SolidSurface.of(line, 0.1).distances(points, 1.0)
+    assert found == pytest.approx([0.2, 0.1, -0.05, np.inf])
+    on_it = [[0.5, 0.1, 0.0], [1.1, 0.0, 0.0], [0.5, 0.1, 0.0]]
+    assert nearest[:3].ravel() == pytest.approx(np.ravel(on_it))
+    assert np.isnan(nearest[3]).all()
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.05])
+def test_the_nearest_point_of_what_is_round_is_on_its_surface(radius):
+    """Outside and inside, of the triangles too."""
+    points = np.random.default_rng(2).uniform(-0.3, 0.3, (500, 3))
+    surface = SolidSurface.of(BOX.triangles, radius)
+    found, nearest = surface.distances(points, 1.0)
+    assert np.abs(found) == pytest.approx(np.linalg.norm(points - nearest, axis=1))
+    assert np.abs(surface.distances(nearest, 1.0)[0]).max() < 1e-9

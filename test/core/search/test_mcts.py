@@ -7,11 +7,7 @@ import pytest
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
-from placement_planner_ros.core.search.mcts import (
-    MctsSampler,
-    MctsSettings,
-    checks_passed,
-)
+from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings, checks_passed
 from placement_planner_ros.core.search.sampler import Outcome
 from placement_planner_ros.core.types import Verdict
 

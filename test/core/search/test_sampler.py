@@ -11,11 +11,7 @@ from placement_planner_ros.core.search.expected_improvement import (
     VALUED,
     ImprovementModel,
 )
-from placement_planner_ros.core.search.hierarchy import (
-    AfrHierarchy,
-    AfrNode,
-    HierarchySettings,
-)
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode, HierarchySettings
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling

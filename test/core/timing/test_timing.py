@@ -11,10 +11,7 @@ from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.timing.quintic import positions_at
-from placement_planner_ros.core.timing.timing import (
-    CurveSettings,
-    parameterize_path,
-)
+from placement_planner_ros.core.timing.timing import CurveSettings, parameterize_path
 
 JOINTS = ("a", "b")
 VELOCITY = np.array([1.0, 2.0])

@@ -14,10 +14,7 @@ import pytest
 from placement_planner_ros.core.kernels import kernel_folder, kernel_names
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import compiling
-from placement_planner_ros.core.warmup.compiling import (
-    CompilationError,
-    compile_kernels,
-)
+from placement_planner_ros.core.warmup.compiling import CompilationError, compile_kernels
 
 A_KERNEL = "_raise_to_slope"
 """Called from Python: what kernels call is compiled with them alone."""

@@ -14,11 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.client import (
-    PlacementClient,
-    PlacementError,
-    conversation,
-)
+from placement_planner_ros.client import PlacementClient, PlacementError, conversation
 from placement_planner_ros.client.conversation import parameter_message
 
 

@@ -11,11 +11,7 @@ import trimesh
 from helpers.fakes import FRAME
 from helpers.searches import Doing, ended, found, searching
 
-from placement_planner_ros.client import (
-    PlacementClient,
-    PlacementError,
-    placement_client,
-)
+from placement_planner_ros.client import PlacementClient, PlacementError, placement_client
 from placement_planner_ros.ros.inputs import object_input
 from placement_planner_ros.ros.run import worker
 

@@ -6,11 +6,7 @@ import trimesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.ros.inputs import cloud_store
-from placement_planner_ros.ros.inputs.cloud_store import (
-    CloudStaleError,
-    CloudStore,
-    PointSet,
-)
+from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, PointSet
 from placement_planner_ros.ros.inputs.known_surface import PlacedBody
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

@@ -80,6 +80,18 @@ def test_only_what_is_on_the_surface_as_far_as_can_be_told_is_the_robot(robot, d
     assert near.common[:, 2].max() < 0.1
 
 
+@pytest.mark.parametrize(("off", "left"), [(0.003, 5), (0.0, 0)])
+def test_what_lies_between_links_stays_where_clouds_may_be_off(off, left):
+    """Base and ball 12 mm from each other, and a thing between them that has no room for 8 mm."""
+    close = Robot.from_urdf(URDF.replace('xyz="0 0 1"', 'xyz="-0.288 0 0"'))
+    thing = np.array([[0.106, y, 0.0] for y in np.arange(-0.004, 0.005, 0.002)])
+    outline = Outline.of_robot(close, np.zeros(1), 0.02)
+    kept, near = near_points(thing, outline, {}, 0.008, GridSettings(), off)
+    assert not kept.any()
+    assert len(near.common) == left
+    assert np.abs(near.common - thing[:left]).max(initial=0.0) < 0.001
+
+
 @pytest.mark.parametrize("hollow", [0.0, 0.015])
 def test_what_stands_within_the_object_as_another_grasp_has_it_rules_that_grasp_out(robot, hollow):
     rng = np.random.default_rng(0)

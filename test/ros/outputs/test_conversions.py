@@ -1,9 +1,7 @@
 import numpy as np
 
 from placement_planner_ros.core.types import Trajectory
-from placement_planner_ros.ros.outputs.conversions import (
-    trajectory_message,
-)
+from placement_planner_ros.ros.outputs.conversions import trajectory_message
 
 TRAJECTORY = Trajectory(
     ("yumi_joint_1_l", "yumi_joint_2_l"),

@@ -10,11 +10,7 @@ from rclpy.parameter import Parameter
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
 from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.parameters.table import (
-    arm_specs,
-    arms_spec,
-    fixed_specs,
-)
+from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
