@@ -38,7 +38,7 @@ _FINEST_M = 0.004
 _SAME_PLACE_M, _SAME_TURN = 0.01, math.radians(10.0)
 """Poses that share their fate, and of which so many are tried before the others are passed over."""
 _TRIES_PER_PLACE = 3
-_BETTER = 0.02
+BETTER = 0.02
 """Share of ξ's size by which something must be better to be looked for."""
 _IK_SEEDS = 256
 """Starts of the inverse kinematics, for each arm and grasp."""
@@ -118,7 +118,7 @@ class RefinedGrid:
 
     def finished(self, best: float) -> bool:
         """Whether nothing may be better by what counts."""
-        return self.most <= best + _BETTER * abs(best) if best > -math.inf else not self._left
+        return self.most <= best + BETTER * abs(best) if best > -math.inf else not self._left
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """The next few goals better than `best`."""

@@ -153,6 +153,8 @@ def test_the_report_holds_figures_and_tables(tmp_path):
     assert all(path.stat().st_size > 0 for path in written)
     summary = (tmp_path / "summary.md").read_text()
     assert "nothing was found" in summary
+    assert "| -0.3500 (beaten) | -0.3000 |" in summary
+    assert "| +0.4000 | +0.4000 |" in summary
     assert (
         "| optimistic+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 2 of 2 | +0.375," in summary
     )
