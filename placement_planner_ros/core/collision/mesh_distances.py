@@ -41,7 +41,7 @@ class SolidSurface:
 
         Returns:
             (n,) metres, infinite from `cap` on, -infinite as deep inside; (n, 3) the nearest point
-            of it, NaN where that is so.
+            of it, NaN where that is so, and what lies on a triangle itself.
         """
         found, nearest = np.empty(len(points)), np.full((len(points), 3), np.nan)
         given = np.ascontiguousarray(points, dtype=np.float64)

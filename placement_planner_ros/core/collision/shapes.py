@@ -114,9 +114,9 @@ def shape_triangles(robot: Robot) -> list[Array]:
 def _solid_triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
     """(t, 3, 3) triangles of a shape that is no mesh, metres."""
     if isinstance(geometry, coal.Sphere):
-        return np.asarray(trimesh.creation.icosphere(radius=geometry.radius).triangles)
+        return np.asarray(trimesh.creation.icosphere(4, geometry.radius).triangles)
     if isinstance(geometry, coal.Capsule):
-        pill = trimesh.creation.capsule(2.0 * geometry.halfLength, geometry.radius)
+        pill = trimesh.creation.capsule(2.0 * geometry.halfLength, geometry.radius, [64, 64])
         return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
     return polytope_of(shape_of(geometry, link).sets[0].vertices).corners
 

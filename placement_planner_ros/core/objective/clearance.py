@@ -29,8 +29,7 @@ class Clearance:
         self._inclines = context.environment.inclines
         self._standing = SupportingFaces(context) if context.body.faces else None
         self._points = context.body.volume_points
-        self._some_points = thinned_points(self._points, 300)
-        self._few_points = thinned_points(self._points, 75)
+        self._some_points = thinned_points(self._points)
         self._sign = sign
         self._envelopes: dict[tuple[int, float], ClearanceField] = {}
 
@@ -57,11 +56,12 @@ class Clearance:
 
     def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
         """(n,) what ±C does not exceed at any pose of each range, metres."""
-        return self._most(ranges, self._sign, self._few_points if rough else self._points)
+        return self._most(ranges, self._sign, self._some_points if rough else self._points)
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) what C is not below and (n,) not above at any pose of each range, metres."""
-        return -self._most(ranges, -1.0, self._points), self._most(ranges, 1.0, self._points)
+        points = self._some_points if rough else self._points
+        return -self._most(ranges, -1.0, points), self._most(ranges, 1.0, points)
 
     def _most(self, ranges: PoseRanges, sign: float, points: Array) -> Array:
         """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
@@ -116,9 +116,9 @@ class Clearance:
         return values, gradients
 
 
-def thinned_points(points: Array, least: int) -> Array:
-    """Some of the (n, 3) voxel centres, spread evenly, so many at least if there are."""
-    # Keep a share by the sum of the grid indices, which spreads them.
-    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= least * s), 1)
+def thinned_points(points: Array) -> Array:
+    """Some of the (n, 3) voxel centres, spread evenly, about 300 or more if there are."""
+    # Keep a share by a sum of the grid indices whose factors spread them along all three axes.
+    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= 300 * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
-    return np.asarray(points[(index[0] + 3 * index[1] + 5 * index[2]) % share == 0])
+    return np.asarray(points[(index[0] + 27 * index[1] + 23 * index[2]) % share == 0])

@@ -47,15 +47,16 @@ class Term(Protocol):
 class SlowTerm(Protocol):
     """A term that is known to change little from a pose to those around it."""
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
-        """(n,) what it is not below and (n,) not above at any pose of each range."""
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
+        """(n,) what it is not below and (n,) not above at any pose of each range; about, where that
+        will do."""
         ...
 
 
-def term_ends(term: Term, ranges: PoseRanges) -> tuple[Array, Array]:
+def term_ends(term: Term, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
     """(n,) what any term is not below and (n,) not above at any pose of each range."""
     if isinstance(term, SlowTerm):
-        return term.around(ranges)
+        return term.around(ranges, rough)
     return np.full(len(ranges.T), term.ends[0]), np.full(len(ranges.T), term.ends[1])
 
 
@@ -82,7 +83,7 @@ class Near:
         away = T_world_object[:, :3, 3] - self._target
         return np.asarray(-np.sqrt((away * away).sum(axis=1)))
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) each, by the distance that is left."""
         middle = self.values(ranges.T)
         return middle - ranges.away, np.minimum(middle + ranges.away, 0.0)
@@ -105,7 +106,7 @@ class Turn:
         chord = np.sqrt((apart * apart).sum(axis=(1, 2)) / 8.0)
         return np.asarray(-2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) each, by the angle that is left."""
         middle = self.values(ranges.T)
         return middle - ranges.turn, np.minimum(middle + ranges.turn, 0.0)
@@ -128,7 +129,7 @@ class High:
         up = (T_world_object[:, 2, :3] * middle).sum(axis=1)
         return np.asarray(up + T_world_object[:, 2, 3])
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) each; what it stands on may be away from its reference point, too, on a slope."""
         middle = self.values(ranges.T)
         off = ranges.rise + np.where(ranges.rise > 0.0, self._size, 0.0)
@@ -188,7 +189,7 @@ class Stance:
             ]
         return result
 
-    def around(self, ranges: PoseRanges) -> tuple[Array, Array]:
+    def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) each: at most what it is with all of the side supported; on a slope it depends on
         the turn by how much gravity is aside."""
         face = self._standing.at(ranges.T).face

@@ -84,11 +84,12 @@ class _WeightedPart:
         """Whether it is known what it adds at most."""
         return isinstance(self.term, SlowTerm) or self.most < np.inf
 
-    def most_around(self, ranges: PoseRanges) -> Array:
+    def most_around(self, ranges: PoseRanges, rough: bool) -> Array:
         """(n,) what it adds at most at any pose of each range."""
         if not self.factor:
             return np.zeros(len(ranges.T))
-        return np.asarray(self.factor * term_ends(self.term, ranges)[int(self.factor > 0.0)])
+        ends = term_ends(self.term, ranges, rough)
+        return np.asarray(self.factor * ends[int(self.factor > 0.0)])
 
 
 class Weighted:
@@ -168,7 +169,7 @@ class Weighted:
     def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
         """(n,) what ξ does not exceed at any pose of each range."""
         parts = (*self._cheap, *self._expensive)
-        return np.asarray(sum(part.most_around(ranges) for part in parts))
+        return np.asarray(sum(part.most_around(ranges, rough) for part in parts))
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """∂ξ/∂(x, y, e_z), within the plane that the object stands on."""

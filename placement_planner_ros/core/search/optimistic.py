@@ -45,7 +45,7 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
 _EVEN_AT_ONCE = 256
-"""Uniform poses whose cells are bounded together: 4 ms; then it is looked whether anybody waits."""
+"""Uniform poses whose cells are bounded together: 8 ms; then it is looked whether anybody waits."""
 _REDRAWS = 16
 """Times that these are drawn anew where few can be better."""
 
@@ -109,7 +109,7 @@ class OptimisticSampler(BatchSampler):
         self._ranked_at = 0  # samples by which they are
         self._drawn = self._filed[:0]  # the cells that poses were drawn from last
         # for this ξ_best: cells and poses kept of uniform ones, but not used yet; and the pose sets
-        # in which something better was free, but not reached
+        # in which something better was free, but is not reached
         self._drawn_for, self._left = -np.inf, (self._drawn, np.empty((0, 3)))
         self._hopeful = np.zeros(len(self._sets), np.bool_)
 
@@ -162,7 +162,8 @@ class OptimisticSampler(BatchSampler):
             self._waiting.append((float(outcome.values[row]), cells[row].copy()))
         self._model.learn(cells, verdicts, outcome.values)
         # A cell too small to be split is split nevertheless if what is better there is not reached.
-        missed = (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
+        missed = (outcome.values > best) & (verdicts >= Verdict.NOT_BETTER)
+        missed &= verdicts < Verdict.FEASIBLE
         self._hopeful[cells["set"][missed]] = best > -np.inf
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 

@@ -16,7 +16,7 @@ from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
-from placement_planner_ros.core.search.uniform import UniformSampler
+from placement_planner_ros.core.search.uniform import UniformPoses, UniformSampler
 from placement_planner_ros.core.types import FULL_TURN, Goal, Verdict
 
 
@@ -195,7 +195,7 @@ def test_what_is_better_and_hard_to_reach_is_not_put_aside():
         settings = OptimisticSettings(samples_per_call=100, uniform_first=200)
         made = OptimisticSampler(hierarchy(), checker, settings, np.random.default_rng(seed))
         best = -np.inf
-        while made.count.samples < 8000:
+        while made.count.samples < 12_000:
             best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
         found.append(best)
     assert found == [1.0] * 5
@@ -291,15 +291,28 @@ def test_even_poses_are_drawn_by_what_they_may_add(best, upper):
 def test_half_of_the_even_poses_are_drawn_where_what_is_better_was_not_reached():
     settings = {"samples_per_call": 4000, "uniform_first": 4000, "uniform_share": 0.9}
     made, checker = sampler(OptimisticSampler, **settings)
-    checker.judge = lambda arm, contact, angle, best: (
-        (Verdict.NO_IK, 1.0) if contact[0] > 1.0 and angle < 0.3 else (Verdict.COLLIDING, -np.inf)
-    )
     evenly = 0.5 * 0.01 / 0.17 + 0.5 * 0.5
-    for best, share in ((-np.inf, evenly), (0.0, 0.5 * evenly + 0.5), (2.0, evenly)):
+    missed, lacking, none = (Verdict.NO_IK, 1.0), (Verdict.BREAKS_RULE, -0.3), Verdict.COLLIDING
+    for best, there, share in (
+        (-np.inf, missed, evenly),
+        (0.0, missed, 0.5 * evenly + 0.5),
+        (2.0, missed, evenly),
+        (-5.0, lacking, evenly),
+    ):
+        checker.judge = lambda arm, contact, angle, best, there=there: (
+            there if contact[0] > 1.0 and angle < 0.3 else (none, -np.inf)
+        )
         made.sample_goals(best, never)
         x, _, angle, _ = np.array(checker.contacts[-3000:]).T
         # of others than parts of what was not reached
         assert (x[angle > 0.5] > 0.5).mean() == pytest.approx(share, abs=0.05)
+
+
+def test_half_of_single_draws_are_among_the_hopeful_sets():
+    poses = UniformPoses(hierarchy(), np.random.default_rng(0))
+    sets = np.concatenate([poses.draw(1, np.array([3]))[0] for _ in range(400)])
+    assert (sets == 3).mean() == pytest.approx(0.5, abs=0.1)
+    assert len(np.unique(poses.draw(400, np.array([], np.int64))[0])) > 1
 
 
 class NearTheCorner:

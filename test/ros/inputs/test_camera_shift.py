@@ -6,6 +6,7 @@ import trimesh
 from helpers.fakes import TABLE
 from helpers.snapshots import yumi_snapshot
 
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.pictures.shapes import RobotShapes
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.self_filter import Outline
@@ -39,6 +40,20 @@ def seen(shift, deviation=0.001, links=None):
 )
 def test_an_ordinary_calibration_is_known_by_the_robot(shift):
     assert camera_shift(OUTLINE, seen(shift)) == pytest.approx(np.array(shift), abs=6e-4)
+
+
+def test_it_is_known_by_round_links_too():
+    shape = '<geometry><sphere radius="0.1"/></geometry>'
+    ball = Robot.from_urdf(
+        f'<robot name="b"><link name="l"><collision>{shape}</collision></link></robot>'
+    )
+    points = np.random.default_rng(0).normal(size=(4000, 3))
+    points *= 0.1 / np.linalg.norm(points, axis=1)[:, None]
+    shift = np.array([0.004, 0.0, 0.0])
+    outline = Outline.of_robot(ball, np.zeros(0), 0.02)
+    assert camera_shift(outline, points[points[:, 0] > -0.05] + shift) == pytest.approx(
+        shift, abs=6e-4
+    )
 
 
 def test_what_is_true_or_off_by_more_is_left_as_it_is():
