@@ -46,8 +46,8 @@ class UniformPoses:
         self._ends = np.cumsum(shares[sets.region] / faces[sets.region] * within)
 
     def draw(self, count: int, hopeful: Index | None = None) -> tuple[Index, Array]:
-        """(n,) pose sets, about half of them among these alike if there are any, and (n, 3) places
-        in them."""
+        """(n,) pose sets, about half of them of the `hopeful` (k,) alike if there are any, and
+        (n, 3) places in them."""
         # A pose set by its share, a point on its region, a turn within its range.
         share, turn = self._rng.random((2, count))
         sets = self._ends.searchsorted(share * self._ends[-1], "right")
