@@ -22,6 +22,7 @@ from benchmarks.worlds.world import (
     seen_parts,
     some_scene,
     start_of,
+    with_round_links,
     yumi_at,
     yumi_urdf,
 )
@@ -42,9 +43,9 @@ _FURNITURE = """<link name="table"><collision><origin xyz="{x} {y} {z}"/><geomet
 def beside(rng: np.random.Generator) -> World:
     """A thing beside what is held, beside a link, or on furniture of the description."""
     thing, arm, grasp = _held(rng)
-    robot, q = yumi_at(thing, arm)
+    urdf = yumi_urdf() if rng.random() < 0.5 else with_round_links(yumi_urdf(), rng)
+    robot, q = yumi_at(thing, arm, urdf)
     moving = [*robot_solids(robot, q), *held_solids(robot, q, thing, arm, grasp)]
-    urdf = yumi_urdf()
     where = str(rng.choice(["held", "link", "furniture"]))
     scene = some_scene(rng, f"beside_{where}")
     if where == "furniture":
@@ -130,7 +131,8 @@ def quaternions(rng: np.random.Generator) -> World:
 def cameras(rng: np.random.Generator) -> World:
     """Two cameras, one off by 15 mm, mostly up or down; a third of them as calibrated ones are."""
     thing, arm, grasp = _held(rng)
-    robot, q = yumi_at(thing, arm)
+    urdf = yumi_urdf() if rng.random() < 0.5 else with_round_links(yumi_urdf(), rng)
+    robot, q = yumi_at(thing, arm, urdf)
     ordinary = bool(rng.random() < 1.0 / 3.0)
     way = random_turn(rng)[:, 0]
     if ordinary:
@@ -141,7 +143,6 @@ def cameras(rng: np.random.Generator) -> World:
     scene = some_scene(rng, "cameras_" + ("ordinary" if ordinary else "off"))
     moving = [*robot_solids(robot, q), *held_solids(robot, q, thing, arm, grasp)]
     parts = seen_parts(scene, moving, rng, BESIDES, shift)
-    urdf = yumi_urdf()
     words = "cameras", scene.name, scene, thing, arm, grasp, parts, urdf, urdf
     return World(*words, must_place=ordinary)
 

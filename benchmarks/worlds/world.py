@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from xml.etree import ElementTree
 
 import coal
 import numpy as np
+import pinocchio as pin
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from benchmarks.household import object_by_name
@@ -34,7 +37,7 @@ from placement_planner_ros.scenes.primitives import (
     standing_box,
 )
 from placement_planner_ros.scenes.scenes import Scene
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, start_configuration, yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
 GREY: Colour = (0.6, 0.6, 0.6)
@@ -85,13 +88,7 @@ class World:
         parameters = ParameterSet({spec.name: spec for spec in specs}).changed(
             {"target_volume": [*volume.lower.tolist(), *volume.upper.tolist()], "seed": seed}
         )
-        urdf = share_path("urdf", "yumi.urdf")
-        robot = Robot.from_urdf(
-            self.urdf,
-            {PACKAGE: urdf.parent.parent},
-            yumi_srdf(),
-            parse_joint_limits(self.joint_limits) if self.joint_limits else None,
-        )
+        robot = _read_robot(self.urdf, self.joint_limits)
         q = robot.configuration(start_of(self.thing, self.arm))
         fixed = fixed_links(robot, tuple(TIP_FRAMES.values()))
         arms = (yumi_arm(fixed.robot, self.arm, held.grasps[self.arm]),)
@@ -140,16 +137,47 @@ def some_scene(rng: np.random.Generator, name: str) -> Scene:
     return Scene(name, TargetVolume(middle - half, middle + half), tuple(parts))
 
 
+def with_round_links(urdf: str, rng: np.random.Generator) -> str:
+    """The bundled robot with a ball, cylinder or capsule in place of each mesh of its arms."""
+    root = ElementTree.fromstring(urdf)
+    for collision in root.iter("collision"):
+        geometry = collision[-1]
+        mesh = geometry[0].get("filename", "").rpartition("/")[2]
+        if not mesh.startswith("link_"):
+            continue
+        corners = trimesh.load_mesh(share_path("urdf", "meshes", mesh)).vertices
+        T_box_mesh, sides = trimesh.bounds.oriented_bounds(corners, ordered=True)
+        T_mesh_box = np.linalg.inv(T_box_mesh)
+        radius, kind = sides[0] / 2, str(rng.choice(["sphere", "cylinder", "capsule"]))
+        geometry[:] = [ElementTree.Element(kind, radius=repr(float(radius)))]
+        if kind != "sphere":
+            length = sides[2] - 2 * radius * (kind == "capsule")
+            geometry[0].set("length", repr(float(max(length, 0.001))))
+        at = T_mesh_box[:3, 3], pin.rpy.matrixToRpy(T_mesh_box[:3, :3])
+        xyz, rpy = (" ".join(map(repr, each.tolist())) for each in at)
+        collision.insert(0, ElementTree.Element("origin", xyz=xyz, rpy=rpy))
+    return ElementTree.tostring(root, "unicode")
+
+
 def robot_solids(robot: Robot, q: Array) -> list[ConvexPrimitive]:
-    """The bundled robot's links at q (nq,)."""
+    """The robot's links at q (nq,)."""
     solids = []
     for shape, T, link in zip(
         robot.geometry.geometryObjects, robot.geometry_poses(q), robot.geometry_links, strict=True
     ):
-        assert isinstance(shape.geometry, coal.ConvexBase)
-        vertices = np.array(shape.geometry.points()) @ T.rotation.T + T.translation
+        vertices = _corners(shape.geometry) @ T.rotation.T + T.translation
         solids.append(ConvexPrimitive(link, vertices))
     return solids
+
+
+def _corners(shape: coal.CollisionGeometry) -> Array:
+    """(n, 3) of a convex mesh, or of one within a round shape."""
+    if isinstance(shape, coal.ConvexBase):
+        return np.array(shape.points())
+    if isinstance(shape, coal.Sphere):
+        return np.asarray(trimesh.creation.icosphere(radius=shape.radius).vertices)
+    make = getattr(trimesh.creation, type(shape).__name__.lower())
+    return np.asarray(make(height=2 * shape.halfLength, radius=shape.radius).vertices)
 
 
 def held_solids(robot: Robot, q: Array, thing: str, arm: str, grasp: int) -> list[ConvexPrimitive]:
@@ -211,7 +239,12 @@ def random_turn(rng: np.random.Generator) -> Array:
     return np.asarray(Rotation.random(random_state=int(rng.integers(2**31))).as_matrix())
 
 
-def yumi_at(thing: str, arm: str) -> tuple[Robot, Array]:
-    """The bundled robot, and q_0 (nq,)."""
-    robot = load_yumi()
+def _read_robot(urdf: str, limits: str = "") -> Robot:
+    folder = share_path("urdf", "yumi.urdf").parent.parent
+    return Robot.from_urdf(urdf, {PACKAGE: folder}, yumi_srdf(), parse_joint_limits(limits))
+
+
+def yumi_at(thing: str, arm: str, urdf: str = "") -> tuple[Robot, Array]:
+    """The bundled robot, by the description given or its own, and q_0 (nq,)."""
+    robot = _read_robot(urdf or yumi_urdf())
     return robot, robot.configuration(start_of(thing, arm))

@@ -43,7 +43,7 @@ def problem(request):
 
 @pytest.fixture(scope="module")
 def cells(problem):
-    """Of every size, and poses of each: (n,), (n, 30, 4, 4), and which of them are free."""
+    """Of every size, and poses of each: (n,), (n, 12, 4, 4), and which of them are free."""
     planner, rng = planner_of(problem, OBJECTIVES[0]), np.random.default_rng(2)
     sets = planner._search.hierarchy.sets
     level = sets.cells[rng.permutation(len(sets))[:60]]
@@ -53,13 +53,13 @@ def cells(problem):
         level = halves[np.arange(len(level)), rng.integers(2, size=len(level))]
         found.append(level)
     cells = np.concatenate(found)
-    share = rng.random((len(cells), 30, 3))
-    share[:, :10] = share[:, :10].round()
+    share = rng.random((len(cells), 12, 3))
+    share[:, :5] = share[:, :5].round()
     low, high = cells["low"][:, None], cells["high"][:, None]
     places = (low + share * (high - low)).reshape(-1, 3)
-    draws = sets.draws(np.repeat(cells["set"], 30), places)
+    draws = sets.draws(np.repeat(cells["set"], 12), places)
     verdicts, T = planner._poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
-    return cells, T.reshape(len(cells), 30, 4, 4), verdicts.reshape(len(cells), 30)
+    return cells, T.reshape(len(cells), 12, 4, 4), verdicts.reshape(len(cells), 12)
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)
