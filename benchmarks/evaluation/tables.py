@@ -110,7 +110,7 @@ def gap_table(results: EvaluationResults) -> TextTable:
         word = "" if yardstick["complete"] else " (cut off)"
         if best is not None and dense is not None:
             found = best["solutions"][-1]["objective"]
-            word = " (beaten)" if found - dense > BETTER * abs(dense) else word
+            word = " (beaten)" if found - dense > BETTER * (dense - scale.random) else word
         reached = finals(results, REFERENCE, case)
         cells = [case_label(case), f"{scale.random:+.4f}"]
         cells.append("none" if dense is None else f"{dense:+.4f}{word}")

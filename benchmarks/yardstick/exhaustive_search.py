@@ -1,14 +1,11 @@
 """The yardstick of a case: the best placement that an exhaustive search finds, and a random one's.
 
-Other code than the planner's samplers: a grid of poses that is refined wherever ξ, which changes by
-little from a pose to its neighbours, may still be better; and every arm and grasp, from many starts
-of the inverse kinematics, before a pose is given up.
+Other code than the planner's samplers: a grid of all poses, the best first; and every arm and
+grasp, from many starts of the inverse kinematics, before a pose is given up.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import math
 import time
 from collections import Counter
@@ -23,27 +20,24 @@ from benchmarks.cases import Case, build_problem, read_inputs
 from benchmarks.machine import machine, versions
 from benchmarks.record import RecordedSolution, warm_process
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.objective.objective import Objective, evaluate_batch
+from placement_planner_ros.core.objective.objective import Objective, estimate_batch
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount, as_drawn
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_STEEPEST = 1.1
-"""By how much ξ of clearance changes per metre that the object's points move; the raster of d_S is
-steeper than 1 in places."""
-_FINEST_M = 0.004
-"""m between poses of the finest grid, a turn counted as what it moves the object's far end by."""
+_STEP_M = 0.005
+"""m between poses of the grid; a turn counts as what it moves the object by in the mean."""
 _SAME_PLACE_M, _SAME_TURN = 0.01, math.radians(10.0)
 """Poses that share their fate, and of which so many are tried before the others are passed over."""
 _TRIES_PER_PLACE = 3
 BETTER = 0.02
-"""Share of ξ's size by which something must be better to be looked for."""
+"""Of what the best is better than a random placement: by so much must something be to count."""
 _IK_SEEDS = 256
 """Starts of the inverse kinematics, for each arm and grasp."""
 _GOALS_PER_CALL = 4
-_CELLS_AT_ONCE = 256
+_POSES_AT_ONCE = 50_000
 _LAST_ITERATIONS = 40_000
 """RRT iterations for goals that are left when no better pose is."""
 
@@ -72,19 +66,17 @@ class YardstickJob:
         return str(self.case)
 
 
-Cell = tuple[float, int, int, Array, Array, float]
-"""What ξ does not exceed, negative; a number; pose set, middle, half sides; ξ where it is free."""
+_POSE = np.dtype([("value", "f4"), ("set", "i4"), ("place", "f8", 3)])
+"""ξ, the pose set, and x, y and θ there."""
 
 
-class RefinedGrid:
-    """Goals from the poses in which ξ is largest, in the place of SampleGoals.
+class PoseGrid:
+    """Goals from the poses of a grid in which ξ is largest, in the place of SampleGoals.
 
-    A cell is a face, a plane and a box of x, y and θ, with the pose at its middle. That which may
-    hold the best pose is cut in two across its longest side until none may hold a better one than
-    ξ_best, or all that may are finer than the grid.
+    All poses of the grid are judged first; then those that are free and stand are tried, the best
+    first, until none is better than ξ_best by what counts.
 
     Attributes:
-        most: what ξ does not exceed in what is left.
         poses: looked at.
         unreached: the best ξ of a pose that is free and stands, and that no arm was found to reach.
     """
@@ -95,121 +87,114 @@ class RefinedGrid:
         checker: GoalChecker,
         constraints: PoseConstraints,
         objective: Objective,
+        random: float,
     ) -> None:
         self.count = SampleCount()
-        self.poses, self.unreached = 0, -math.inf
+        self.poses, self.unreached, self._random = 0, -math.inf, random
         self._checker, self._constraints, self._objective = checker, constraints, objective
-        body = constraints.problem.body
-        self._size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
         self._sets = hierarchy.sets
-        self._grasps = [
-            (arm, grasp)
-            for arm, grasps in enumerate(hierarchy.grasps_per_arm)
-            for grasp in range(grasps)
-        ]
-        self._number = itertools.count()
-        self._left: list[Cell] = []
+        per_arm = hierarchy.grasps_per_arm
+        self._arm = np.repeat(np.arange(len(per_arm)), per_arm)
+        self._grasp = np.concatenate([np.arange(number) for number in per_arm])
+        self._left = np.empty(0, dtype=_POSE)
         self._tried: Counter[tuple[int, ...]] = Counter()
 
     @property
     def most(self) -> float:
-        """Of all cells that are left."""
-        return -self._left[0][0] if self._left else -math.inf
+        """ξ of the best pose that was not tried."""
+        return float(self._left["value"][-1]) if len(self._left) else -math.inf
 
     def finished(self, best: float) -> bool:
         """Whether nothing may be better by what counts."""
-        return self.most <= best + BETTER * abs(best) if best > -math.inf else not self._left
+        return not len(self._left) or self.most <= best + BETTER * max(best - self._random, 0.0)
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """The next few goals better than `best`."""
         if self.poses == 0:
-            sets = np.arange(len(self._sets))
-            half = 0.5 * (self._sets.high - self._sets.low)
-            self._look(sets, self._sets.low + half, half, np.full(len(sets), math.inf))
+            every = [self._free_poses(of) for of in range(len(self._sets))]
+            self._left = np.sort(np.concatenate([self._left, *every]), order="value")
         goals: list[Goal] = []
-        for _ in range(200):
-            if len(goals) >= _GOALS_PER_CALL or self.finished(best) or should_stop():
-                break
-            number = min(_CELLS_AT_ONCE, len(self._left))
-            taken = [heapq.heappop(self._left) for _ in range(number)]
-            for each in sorted(taken, key=lambda cell: -cell[5]):
-                if each[5] > best and len(goals) < _GOALS_PER_CALL and not should_stop():
-                    goals += self._reached(each, best)
-            self._halve(taken)
+        while len(goals) < _GOALS_PER_CALL and not self.finished(best) and not should_stop():
+            pose, self._left = self._left[-1], self._left[:-1]
+            goals += self._reached(pose, best)
         return goals
 
-    def _halve(self, taken: list[Cell]) -> None:
-        scale = np.array([1.0, 1.0, self._size])
-        parts = []
-        for bound, _, of, middle, half, _ in taken:
-            sides = half * scale
-            if 2.0 * sides.max() > _FINEST_M:
-                shift = np.where(np.arange(3) == sides.argmax(), 0.5 * half, 0.0)
-                parts += [(of, middle + sign * shift, half - shift, -bound) for sign in (-1.0, 1.0)]
-        if parts:
-            of_each, middles, halves, bounds = zip(*parts, strict=True)
-            self._look(np.array(of_each), np.array(middles), np.array(halves), np.array(bounds))
+    def _free_poses(self, of: int) -> Any:
+        """(n,) of `_POSE`: those of a pose set that are free and stand, and ξ of them, or about."""
+        low, high = self._sets.low[of], self._sets.high[of]
+        step = np.array([_STEP_M, _STEP_M, _STEP_M / self._radius(of)])
+        number = np.ceil((high - low) / step).astype(int)
+        found = [self._left[:0]]
+        for first in range(0, number.prod(), _POSES_AT_ONCE):
+            some = np.arange(first, min(first + _POSES_AT_ONCE, number.prod()))
+            index = np.stack(np.unravel_index(some, number), axis=1)
+            places = low + (index + 0.5) * (high - low) / number
+            verdicts, T = self._at(of, places)
+            self.poses += len(places)
+            self.count.add(verdicts)
+            free = verdicts == Verdict.FEASIBLE
+            poses = np.empty(int(free.sum()), dtype=_POSE)
+            poses["set"], poses["place"] = of, places[free]
+            poses["value"] = estimate_batch(self._objective, T[free])
+            found.append(poses)
+        return np.concatenate(found)
 
-    def _look(
-        self, sets: npt.NDArray[np.int64], middles: Array, halves: Array, bounds: Array
-    ) -> None:
-        """Keep cells, by what ξ and the checks say of their middles."""
-        draws = self._sets.draws(sets, middles)
-        verdicts, T = self._constraints.verdicts(
-            draws.face, draws.contact, draws.angle, draws.slope
-        )
-        values = evaluate_batch(self._objective, T)
-        self.poses += len(values)
-        self.count.add(verdicts)
-        moved = np.hypot(halves[:, 0], halves[:, 1]) + self._size * np.minimum(
-            halves[:, 2], math.pi
-        )
-        bounds = np.minimum(bounds, values + _STEEPEST * moved)
-        free = np.where(verdicts == Verdict.FEASIBLE, values, -math.inf)
-        for k, bound in enumerate(bounds.tolist()):
-            row = -bound, next(self._number), int(sets[k]), middles[k], halves[k], float(free[k])
-            heapq.heappush(self._left, row)
+    def _at(self, of: int, places: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """(n,) verdicts and (n, 4, 4) poses at the (n, 3) x, y, θ of a pose set."""
+        draws = self._sets.draws(np.full(len(places), of), places)
+        return self._constraints.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
 
-    def _reached(self, cell: Cell, best: float) -> list[Goal]:
-        """Goals at the middle of a cell, one for each arm and grasp that reaches it."""
-        of, middle, value = cell[2], cell[3], cell[5]
-        place = np.round(middle / (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_TURN)).astype(int)
+    def _radius(self, of: int) -> float:
+        """m, of the object's points from the axis that a pose set turns about, in the mean."""
+        middle = 0.5 * (self._sets.low[of] + self._sets.high[of])
+        _, T = self._at(of, middle + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, math.pi]]))
+        points = self._constraints.problem.body.volume_points
+        moved = (T[1, :3, :3] - T[0, :3, :3]) @ points.T + (T[1] - T[0])[:3, 3, None]
+        return float(np.linalg.norm(moved, axis=0).mean() / 2.0)
+
+    def _reached(self, pose: Any, best: float) -> list[Goal]:
+        """Goals at one of `_POSE`, one for each arm and grasp that reaches it."""
+        of = int(pose["set"])
+        place = np.round(pose["place"] / (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_TURN)).astype(int)
         key = (of, *place.tolist())
         if self._tried[key] >= _TRIES_PER_PLACE:
             return []
         self._tried[key] += 1
-        draws = self._sets.draws(np.array([of]), middle[None])
-        goals: list[Goal] = []
-        for arm, grasp in self._grasps:
-            one = replace(draws, arm=np.array([arm]), grasp=np.array([grasp]))
-            outcome = self._checker.check_batch(one, best, 1, lambda: False, as_drawn)
-            goals += outcome.goals
+        number = len(self._arm)
+        draws = self._sets.draws(np.full(number, of), np.tile(pose["place"], (number, 1)))
+        draws = replace(draws, arm=self._arm, grasp=self._grasp)
+        goals = self._checker.check_batch(draws, best, number, lambda: False, as_drawn).goals
         if goals:
             self._tried[key] = _TRIES_PER_PLACE
         else:
-            self.unreached = max(self.unreached, value)
+            self.unreached = max(self.unreached, float(pose["value"]))
         return goals
 
 
 class ExhaustiveSearch(PlacementPlanner):
-    """Algorithm 1 with `RefinedGrid` in place of SampleGoals."""
+    """Algorithm 1 with `PoseGrid` in place of SampleGoals.
 
-    def __init__(self, problem: Problem, objective: Objective) -> None:
+    Args:
+        random: ξ of a random placement.
+    """
+
+    def __init__(self, problem: Problem, objective: Objective, random: float) -> None:
         settings = PlannerSettings(ik_seeds=_IK_SEEDS)
+        self._random = random
         super().__init__(problem, objective, settings, np.random.default_rng(0))
 
     def make_sampler(
         self, hierarchy: AfrHierarchy, checker: GoalChecker, rng: np.random.Generator
-    ) -> RefinedGrid:
+    ) -> PoseGrid:
         """The grid; nothing is drawn."""
-        self._grid = RefinedGrid(hierarchy, checker, self._poses, self._objective)
+        self._grid = PoseGrid(hierarchy, checker, self._poses, self._objective, self._random)
         return self._grid
 
     def best(self, seconds: float) -> dict[str, Any]:
         """What the search comes to, as plain values.
 
         Keys: best (ξ, None where nothing was reached) and its solution; complete (whether no pose
-        is left that may be better by 2 %); most (what ξ does not exceed in what is left);
+        of the grid is left that is better by what counts); most (the best ξ of what is left);
         unreached (the best ξ of a pose that no arm was found to reach); poses (looked at).
         """
         deadline = time.process_time() + seconds
@@ -278,12 +263,13 @@ def measure_yardstick(job: YardstickJob) -> list[dict[str, Any]]:
     started = time.process_time()
     problem, objective = build_problem(read_inputs(job.case, rng), job.case.objective)
     uniform = PlacementPlanner(problem, objective, PlannerSettings(sampler="uniform"), rng)
-    random = sampled_placements(uniform, job.random_placements, job.seconds)
-    entry: dict[str, Any] = {"case": asdict(job.case)}
-    entry |= ExhaustiveSearch(problem, objective).best(job.seconds)
+    drawn = sampled_placements(uniform, job.random_placements, job.seconds)
+    random = float(np.median(drawn)) if len(drawn) else None
+    search = ExhaustiveSearch(problem, objective, math.inf if random is None else random)
+    entry: dict[str, Any] = {"case": asdict(job.case), **search.best(job.seconds)}
     entry |= {
-        "random": float(np.median(random)) if len(random) else None,
-        "random_placements": len(random),
+        "random": random,
+        "random_placements": len(drawn),
         "seconds": time.process_time() - started,
         "machine": machine(),
         "versions": versions(),
