@@ -190,6 +190,9 @@ class ExhaustiveSearch(PlacementPlanner):
         self._grid = PoseGrid(hierarchy, checker, self._poses, self._objective, self._random)
         return self._grid
 
+    def _narrow(self, best: float) -> None:
+        """No gap is asked for."""
+
     def best(self, seconds: float) -> dict[str, Any]:
         """What the search comes to, as plain values.
 

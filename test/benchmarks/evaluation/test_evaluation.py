@@ -172,10 +172,10 @@ def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
 
 
 def test_the_yardstick_is_better_than_random_and_says_what_may_be_left():
-    case = Case("table", "small_crayons_box", "maximize_clearance")
-    (record,) = measure_yardstick(YardstickJob(case, seconds=30.0, random_placements=30))
+    case = Case("table", "wine_glass", "maximize_clearance")
+    (record,) = measure_yardstick(YardstickJob(case, seconds=60.0, random_placements=30))
     assert record["random_placements"] == 30
-    assert record["best"] > 0.39 > record["random"]
+    assert record["best"] > 0.46 > record["random"]
     assert record["most"] >= record["best"]
     enough = record["best"] + 0.02 * (record["best"] - record["random"])
     assert record["complete"] == (record["most"] <= enough)
