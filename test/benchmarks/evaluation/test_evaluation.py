@@ -171,7 +171,8 @@ def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
     assert "python -m benchmarks yardstick" in capsys.readouterr().err
 
 
-def test_the_yardstick_is_better_than_random_and_says_what_may_be_left():
+def test_the_yardstick_is_better_than_random_and_says_what_may_be_left(monkeypatch):
+    monkeypatch.setattr("benchmarks.yardstick.exhaustive_search._STEP_M", 0.012)  # in less time
     case = Case("table", "wine_glass", "maximize_clearance")
     (record,) = measure_yardstick(YardstickJob(case, seconds=60.0, random_placements=30))
     assert record["random_placements"] == 30
