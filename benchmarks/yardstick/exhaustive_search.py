@@ -6,6 +6,7 @@ grasp, from many starts of the inverse kinematics, before a pose is given up.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections import Counter
@@ -27,10 +28,13 @@ from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount, as_drawn
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_STEP_M = 0.005
+_STEP_M = 0.008
 """m between poses of the grid; a turn counts as what it moves the object by in the mean."""
-_SAME_PLACE_M, _SAME_TURN = 0.01, math.radians(10.0)
-"""Poses that share their fate, and of which so many are tried before the others are passed over."""
+_REFINEMENTS, _REFINED = 3, 30_000
+"""Times that the step is halved around poses, and around how many of them."""
+_SAME_PLACE = 0.01, 0.01, math.radians(10.0)
+"""m, m, rad between poses of the grid that share their fate, half of it on the next finer one, and
+of which so many are tried before the others are passed over."""
 _TRIES_PER_PLACE = 3
 BETTER = 0.02
 """Of what the best is better than a random placement: by so much must something be to count."""
@@ -74,11 +78,8 @@ class PoseGrid:
     """Goals from the poses of a grid in which ξ is largest, in the place of SampleGoals.
 
     All poses of the grid are judged first; then those that are free and stand are tried, the best
-    first, until none is better than ξ_best by what counts.
-
-    Attributes:
-        poses: looked at.
-        unreached: the best ξ of a pose that is free and stands, and that no arm was found to reach.
+    first, until none is better than ξ_best by what counts. Then the grid is made finer around those
+    that are at most a step worse, since ξ changes by no more than the object moves.
     """
 
     def __init__(
@@ -90,13 +91,15 @@ class PoseGrid:
         random: float,
     ) -> None:
         self.count = SampleCount()
-        self.poses, self.unreached, self._random = 0, -math.inf, random
+        self._random = random
         self._checker, self._constraints, self._objective = checker, constraints, objective
         self._sets = hierarchy.sets
         per_arm = hierarchy.grasps_per_arm
         self._arm = np.repeat(np.arange(len(per_arm)), per_arm)
         self._grasp = np.concatenate([np.arange(number) for number in per_arm])
-        self._left = np.empty(0, dtype=_POSE)
+        self._free = self._left = np.empty(0, dtype=_POSE)
+        self._steps = [_STEP_M / 2**level for level in range(_REFINEMENTS)]
+        self._same_place = np.array(_SAME_PLACE)
         self._tried: Counter[tuple[int, ...]] = Counter()
 
     @property
@@ -105,36 +108,58 @@ class PoseGrid:
         return float(self._left["value"][-1]) if len(self._left) else -math.inf
 
     def finished(self, best: float) -> bool:
-        """Whether nothing may be better by what counts."""
+        """Whether nothing is left that is better by what counts, nor may be on a finer grid."""
+        return self._tried_enough(best) and (best == -math.inf or not self._steps)
+
+    def _tried_enough(self, best: float) -> bool:
         return not len(self._left) or self.most <= best + BETTER * max(best - self._random, 0.0)
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """The next few goals better than `best`."""
-        if self.poses == 0:
-            every = [self._free_poses(of) for of in range(len(self._sets))]
-            self._left = np.sort(np.concatenate([self._left, *every]), order="value")
+        if self.count.samples == 0:
+            self._keep([self._free_poses(of) for of in range(len(self._sets))])
+        while self._tried_enough(best) and not self.finished(best):
+            self._refine(best, self._steps.pop(0))
         goals: list[Goal] = []
-        while len(goals) < _GOALS_PER_CALL and not self.finished(best) and not should_stop():
+        while len(goals) < _GOALS_PER_CALL and not self._tried_enough(best) and not should_stop():
             pose, self._left = self._left[-1], self._left[:-1]
             goals += self._reached(pose, best)
         return goals
 
+    def _keep(self, found: list[Any]) -> None:
+        """More poses that are free and stand: to be tried, and to look around at."""
+        self._left = np.sort(np.concatenate([self._left, *found]), order="value")
+        self._free = np.concatenate([self._free, *found])
+
+    def _refine(self, best: float, step: float) -> None:
+        """Judge the poses half a step around those that are at most a step worse than `best`."""
+        near = np.sort(self._free[self._free["value"] > best - step], order="value")[-_REFINED:]
+        around = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
+        found = []
+        for of in np.unique(near["set"]):
+            size = step * np.array([1.0, 1.0, 1.0 / self._radius(of)])
+            places = (near["place"][near["set"] == of][:, None] + around * size).reshape(-1, 3)
+            found.append(self._judged(of, np.unique(np.round(places, 6), axis=0)))
+        self._keep(found)
+        self._same_place, self._tried = self._same_place / 2.0, Counter()
+
     def _free_poses(self, of: int) -> Any:
-        """(n,) of `_POSE`: those of a pose set that are free and stand, and ξ of them, or about."""
+        """(n,) of `_POSE`: those of the grid in a pose set that are free and stand."""
         low, high = self._sets.low[of], self._sets.high[of]
         step = np.array([_STEP_M, _STEP_M, _STEP_M / self._radius(of)])
         number = np.ceil((high - low) / step).astype(int)
-        found = [self._left[:0]]
-        for first in range(0, number.prod(), _POSES_AT_ONCE):
-            some = np.arange(first, min(first + _POSES_AT_ONCE, number.prod()))
-            index = np.stack(np.unravel_index(some, number), axis=1)
-            places = low + (index + 0.5) * (high - low) / number
-            verdicts, T = self._at(of, places)
-            self.poses += len(places)
+        index = np.stack(np.unravel_index(np.arange(number.prod()), number.tolist()), axis=1)
+        return self._judged(of, low + (index + 0.5) * (high - low) / number)
+
+    def _judged(self, of: int, places: Array) -> Any:
+        """(≤ n,) of `_POSE`: those at (n, 3) x, y, θ that are free and stand, and about their ξ."""
+        found = []
+        for some in np.split(places, range(_POSES_AT_ONCE, len(places), _POSES_AT_ONCE)):
+            verdicts, T = self._at(of, some)
             self.count.add(verdicts)
             free = verdicts == Verdict.FEASIBLE
             poses = np.empty(int(free.sum()), dtype=_POSE)
-            poses["set"], poses["place"] = of, places[free]
+            poses["set"], poses["place"] = of, some[free]
             poses["value"] = estimate_batch(self._objective, T[free])
             found.append(poses)
         return np.concatenate(found)
@@ -146,8 +171,8 @@ class PoseGrid:
 
     def _radius(self, of: int) -> float:
         """m, of the object's points from the axis that a pose set turns about, in the mean."""
-        middle = 0.5 * (self._sets.low[of] + self._sets.high[of])
-        _, T = self._at(of, middle + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, math.pi]]))
+        half_turn = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, math.pi]])
+        _, T = self._at(of, 0.5 * (self._sets.low[of] + self._sets.high[of]) + half_turn)
         points = self._constraints.problem.body.volume_points
         moved = (T[1, :3, :3] - T[0, :3, :3]) @ points.T + (T[1] - T[0])[:3, 3, None]
         return float(np.linalg.norm(moved, axis=0).mean() / 2.0)
@@ -155,8 +180,7 @@ class PoseGrid:
     def _reached(self, pose: Any, best: float) -> list[Goal]:
         """Goals at one of `_POSE`, one for each arm and grasp that reaches it."""
         of = int(pose["set"])
-        place = np.round(pose["place"] / (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_TURN)).astype(int)
-        key = (of, *place.tolist())
+        key = (of, *np.round(pose["place"] / self._same_place).astype(int).tolist())
         if self._tried[key] >= _TRIES_PER_PLACE:
             return []
         self._tried[key] += 1
@@ -166,8 +190,6 @@ class PoseGrid:
         goals = self._checker.check_batch(draws, best, number, lambda: False, as_drawn).goals
         if goals:
             self._tried[key] = _TRIES_PER_PLACE
-        else:
-            self.unreached = max(self.unreached, float(pose["value"]))
         return goals
 
 
@@ -198,14 +220,14 @@ class ExhaustiveSearch(PlacementPlanner):
 
         Keys: best (ξ, None where nothing was reached) and its solution; complete (whether no pose
         of the grid is left that is better by what counts); most (the best ξ of what is left);
-        unreached (the best ξ of a pose that no arm was found to reach); poses (looked at).
+        poses (looked at).
         """
         deadline = time.process_time() + seconds
         best, since = -math.inf, 0
 
         def should_stop() -> bool:
             nonlocal since
-            done = self._grid.poses > 0 and self._grid.finished(best)
+            done = self._grid.count.samples > 0 and self._grid.finished(best)
             if not done:
                 since = self.motion.iterations
             tried = self.motion.goals == 0 or self.motion.iterations > since + _LAST_ITERATIONS
@@ -221,8 +243,7 @@ class ExhaustiveSearch(PlacementPlanner):
             "solution": solution and asdict(solution),
             "complete": grid.finished(best) or bool(self.exhausted),
             "most": max(grid.most, best) if max(grid.most, best) > -math.inf else None,
-            "unreached": grid.unreached if grid.unreached > best else None,
-            "poses": grid.poses,
+            "poses": grid.count.samples,
         }
 
 
