@@ -38,7 +38,7 @@ def screws():
 
 def scan():
     """Many triangles, each vertex a little off."""
-    ring = trimesh.creation.torus(0.06, 0.02, major_sections=160, minor_sections=80)
+    ring = trimesh.creation.torus(0.06, 0.02, major_sections=100, minor_sections=50)
     along = np.random.default_rng(2).normal(scale=2e-4, size=(len(ring.vertices), 1))
     vertices = ring.vertices + along * ring.vertex_normals
     return trimesh.Trimesh(vertices, ring.faces, process=False)
