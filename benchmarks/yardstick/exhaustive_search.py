@@ -94,9 +94,8 @@ class PoseGrid:
         self._random = random
         self._checker, self._constraints, self._objective = checker, constraints, objective
         self._sets = hierarchy.sets
-        per_arm = hierarchy.grasps_per_arm
-        self._arm = np.repeat(np.arange(len(per_arm)), per_arm)
-        self._grasp = np.concatenate([np.arange(number) for number in per_arm])
+        self._arm = np.repeat(np.arange(len(hierarchy.grasps_per_arm)), hierarchy.grasps_per_arm)
+        self._grasp = np.concatenate([np.arange(each) for each in hierarchy.grasps_per_arm])
         self._free = self._left = np.empty(0, dtype=_POSE)
         self._steps = [_STEP_M / 2**level for level in range(_REFINEMENTS)]
         self._same_place = np.array(_SAME_PLACE)
@@ -184,13 +183,15 @@ class PoseGrid:
         if self._tried[key] >= _TRIES_PER_PLACE:
             return []
         self._tried[key] += 1
-        number = len(self._arm)
-        draws = self._sets.draws(np.full(number, of), np.tile(pose["place"], (number, 1)))
+        # Whether any arm and grasp reaches it at all, and then which.
+        number, place = len(self._arm), pose["place"][None]
+        one = self._sets.draws(np.array([of]), place)
+        if not self._checker.check_batch(one, best, 1, lambda: False, as_drawn).goals:
+            return []
+        self._tried[key] = _TRIES_PER_PLACE
+        draws = self._sets.draws(np.full(number, of), np.repeat(place, number, axis=0))
         draws = replace(draws, arm=self._arm, grasp=self._grasp)
-        goals = self._checker.check_batch(draws, best, number, lambda: False, as_drawn).goals
-        if goals:
-            self._tried[key] = _TRIES_PER_PLACE
-        return goals
+        return self._checker.check_batch(draws, best, number, lambda: False, as_drawn).goals
 
 
 class ExhaustiveSearch(PlacementPlanner):
