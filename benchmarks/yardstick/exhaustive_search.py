@@ -133,11 +133,11 @@ class PoseGrid:
     def _refine(self, best: float, step: float) -> None:
         """Judge the poses half a step around those that are at most a step worse than `best`."""
         near = np.sort(self._free[self._free["value"] > best - step], order="value")[-_REFINED:]
-        around = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
+        around = [sides for sides in itertools.product((-0.5, 0.0, 0.5), repeat=3) if any(sides)]
         found = []
         for of in np.unique(near["set"]):
-            size = step * np.array([1.0, 1.0, 1.0 / self._radius(of)])
-            places = (near["place"][near["set"] == of][:, None] + around * size).reshape(-1, 3)
+            shifts = np.multiply(around, (step, step, step / self._radius(of)))
+            places = (near["place"][near["set"] == of][:, None] + shifts).reshape(-1, 3)
             found.append(self._judged(of, np.unique(np.round(places, 6), axis=0)))
         self._keep(found)
         self._same_place, self._tried = self._same_place / 2.0, Counter()
