@@ -104,13 +104,8 @@ def edge_keeps_tilt(chain: TiltedChain, a: Array, b: Array, deviation: Array, le
     From a on, interval after interval, each certified by this module's bound around its middle;
     one that is not is halved.
     """
-    fixed, prismatic, up, frames, work = (
-        chain.fixed,
-        chain.prismatic,
-        chain.up,
-        chain.frames,
-        chain.work,
-    )
+    fixed, prismatic, up = chain.fixed, chain.prismatic, chain.up
+    frames, work = chain.frames, chain.work
     # The configuration and the ranges of the joints, in the work space; the first interval is all.
     dof = len(a)
     q, delta = work[3], work[4]

@@ -166,12 +166,8 @@ def leaf_keeps_boxes(
         fine: whether meshes are asked where their covers come too near.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
-    spheres, bounds, side, visit = (
-        arm.node_spheres,
-        scratch.bounds,
-        scratch.side,
-        scratch.counters[1],
-    )
+    spheres, bounds, side = arm.node_spheres, scratch.bounds, scratch.side
+    visit = scratch.counters[1]
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
     s = arm.nodes[node, at.NODE_SET]

@@ -1,7 +1,7 @@
 """Original triangles against a convex hull or against each other: what decides where covers do not.
 
-The tree of boxes is descended, and what boxes do not keep apart is left to the distance of
-triangles (`separation`). Where no triangle of a mesh is near, what is asked about lies
+Trees of boxes are descended, two at once, and what boxes do not keep apart is left to the distance
+of triangles (`separation`). Where no triangle of a mesh is near, what is asked about lies
 inside the solid that its closed components bound, or outside: a ray says which.
 """
 
@@ -92,59 +92,91 @@ def mesh_keeps_hull(
     return winding_number(meshes, mesh, points[0, 0], points[0, 1], points[0, 2]) == 0
 
 
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def _squared_gap(boxes: Array, a: int, b: int, T: Array, way: Array) -> float:
+    """How far two boxes are apart, at least and squared: along the axes of a, or along those of b.
+
+    Args:
+        T: (1, 4, 4) pose of the frame of box b in that of box a.
+        way: (3,) work space.
+    """
+    along_a = along_b = 0.0
+    for i in range(3):
+        # From the middle of a to that of b along axis i of a, and half the sides of both there.
+        way[i] = T[0, i, 3] - 0.5 * (boxes[a, i + 3] + boxes[a, i])
+        reach = 0.5 * (boxes[a, i + 3] - boxes[a, i])
+        for j in range(3):
+            way[i] += 0.5 * T[0, i, j] * (boxes[b, j + 3] + boxes[b, j])
+            reach += 0.5 * abs(T[0, i, j]) * (boxes[b, j + 3] - boxes[b, j])
+        along_a += max(abs(way[i]) - reach, 0.0) ** 2
+    for j in range(3):
+        # The same along axis j of b.
+        reach = 0.5 * (boxes[b, j + 3] - boxes[b, j])
+        for i in range(3):
+            reach += 0.5 * abs(T[0, i, j]) * (boxes[a, i + 3] - boxes[a, i])
+        along = T[0, 0, j] * way[0] + T[0, 1, j] * way[1] + T[0, 2, j] * way[2]
+        along_b += max(abs(along) - reach, 0.0) ** 2
+    return max(along_a, along_b)
+
+
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def meshes_keep(
     meshes: MeshArrays, pair: tuple[int, int], T: Array, need: float, room: Array, work: Array
 ) -> bool:
-    """Whether two meshes are certainly `need` apart.
-
-    The boxes and triangles of the second mesh, as hulls, against the first.
+    """Whether two meshes are certainly `need` apart; both trees are descended together.
 
     Args:
         pair: of the meshes.
         T: (1, 4, 4) pose of the second mesh in the first.
         room: (8, 3) at least; work: (9, 4): work space.
     """
-    mesh, other = pair
-    corners, leaves = meshes.corners, meshes.leaves
-    root, leaf = meshes.first_node[other], meshes.first_leaf[other]
-    inner = (meshes.first_node[other + 1] - root) // 2
-    node = 0
-    while True:
-        # The box around what is below the node, in the first mesh's frame.
-        for row in range(8):
-            x, y, z = box_corner(meshes.boxes, root + node, row)
-            room[row, 0], room[row, 1], room[row, 2] = to_world(T, 0, x, y, z)
-        near = not mesh_keeps_hull(meshes, mesh, room, 8, need, work)
-        # An inner node whose box is near: on to its left child.
-        if near and node < inner:
-            node = 2 * node + 1
+    one, two = pair
+    corners, leaves, points = meshes.corners, meshes.leaves, meshes.components
+    root, below = meshes.first_node[one], meshes.first_node[two]
+    inner = (meshes.first_node[one + 1] - root) // 2
+    inner_below = (meshes.first_node[two + 1] - below) // 2
+    far = need + BOUND_TOLERANCE_M
+    # Where to look for the first distance from: anywhere.
+    work[5, :3] = 0.0
+    # Pairs of nodes that wait, one for each level of both trees at most: the roots.
+    waiting = np.zeros((64, 2), np.int64)
+    count = 1
+    while count > 0:
+        count -= 1
+        a, b = waiting[count, 0], waiting[count, 1]
+        if _squared_gap(meshes.boxes, root + a, below + b, T, room[3]) >= far * far:
             continue
-        if near:
-            # A leaf: its triangles, one by one.
-            first = leaf + node - inner
-            for t in range(leaves[first], leaves[first + 1]):
-                for v in range(3):
-                    x, y, z = corners[3 * t + v, 0], corners[3 * t + v, 1], corners[3 * t + v, 2]
-                    room[v, 0], room[v, 1], room[v, 2] = to_world(T, 0, x, y, z)
-                if not mesh_keeps_hull(meshes, mesh, room, 3, need, work):
+        # The one that is higher up in its tree gives way to its children, ...
+        if a < inner or b < inner_below:
+            for child in range(1, 3):
+                higher = a < inner and (a <= b or b >= inner_below)
+                waiting[count, 0] = 2 * a + child if higher else a
+                waiting[count, 1] = b if higher else 2 * b + child
+                count += 1
+            continue
+        # ... and of two leaves each triangle is held against each.
+        leaf = meshes.first_leaf[one] + a - inner
+        other = meshes.first_leaf[two] + b - inner_below
+        for t in range(leaves[other], leaves[other + 1]):
+            for v in range(3):
+                x, y, z = corners[3 * t + v, 0], corners[3 * t + v, 1], corners[3 * t + v, 2]
+                room[v, 0], room[v, 1], room[v, 2] = to_world(T, 0, x, y, z)
+            for u in range(leaves[leaf], leaves[leaf + 1]):
+                # The direction that kept the last triangle away may keep its neighbours away.
+                if not sets_keep((corners, 3 * u, 3 * u + 3), (room, 0, 3), need, work):
                     return False
-        node = _next_node(node)
-        if node == 0:
-            break
-    # No triangle meets the first mesh or lies inside; that may lie inside the second.
-    points = meshes.components
-    for c in range(meshes.first_component[mesh], meshes.first_component[mesh + 1]):
-        # A point of each component of the first mesh, in the frame of the second.
-        x, y, z = points[c, 0] - T[0, 0, 3], points[c, 1] - T[0, 1, 3], points[c, 2] - T[0, 2, 3]
-        inside = winding_number(
-            meshes,
-            other,
-            T[0, 0, 0] * x + T[0, 1, 0] * y + T[0, 2, 0] * z,
-            T[0, 0, 1] * x + T[0, 1, 1] * y + T[0, 2, 1] * z,
-            T[0, 0, 2] * x + T[0, 1, 2] * y + T[0, 2, 2] * z,
-        )
-        if inside != 0:
+    # No triangles meet: each component lies inside the other mesh or outside, as a point of it.
+    for c in range(meshes.first_component[two], meshes.first_component[two + 1]):
+        x, y, z = to_world(T, 0, points[c, 0], points[c, 1], points[c, 2])
+        if winding_number(meshes, one, x, y, z) != 0:
+            return False
+    for c in range(meshes.first_component[one], meshes.first_component[one + 1]):
+        # Turned back into the frame of the second.
+        for i in range(3):
+            room[0, i] = 0.0
+            for j in range(3):
+                room[0, i] += T[0, j, i] * (points[c, j] - T[0, j, 3])
+        if winding_number(meshes, two, room[0, 0], room[0, 1], room[0, 2]) != 0:
             return False
     return True
 

@@ -56,12 +56,8 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
     for body in range(arm.moving):
         joint = arm.bodies[body, at.BODY_JOINT]
         # The ball around the body, where it is at the middle.
-        x, y, z, radius = (
-            spheres[body, 0],
-            spheres[body, 1],
-            spheres[body, 2],
-            spheres[body, 3],
-        )
+        x, y, z = spheres[body, 0], spheres[body, 1], spheres[body, 2]
+        radius = spheres[body, 3]
         # Joint by joint, from the body's own inward; further joints do not move it.
         m = 0.0
         bound[body, joint + 1] = 0.0

@@ -121,7 +121,6 @@ class GoalSetRRT:
 
     Attributes:
         iterations: iterations done since construction, direct attempts included.
-        edges_checked: calls of `edge_is_free` since construction.
     """
 
     def __init__(
@@ -167,7 +166,6 @@ class GoalSetRRT:
             self._projected = ProjectedSteps(constraint, settings.max_step)
         self._rng = rng
         self.iterations = 0
-        self.edges_checked = 0
 
         self._max_nodes = settings.max_nodes
         self._goals: dict[int, _Goal] = {}
@@ -407,7 +405,6 @@ class GoalSetRRT:
         origin = self._q(node)
         if np.array_equal(origin, q):
             return True
-        self.edges_checked += 1
         return bool(self._edge_is_free(origin, q))
 
     def _merge(self, forward: int, backward: int) -> None:

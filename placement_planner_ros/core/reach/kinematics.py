@@ -84,21 +84,12 @@ def chain_frames(fixed: Array, prismatic: Mask, q: Array, frames: Array) -> None
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point (x, y, z) of frame `joint` of `chain_frames`."""
+def to_world(T: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point (x, y, z) of frame `joint` of `chain_frames`, whose poses are T."""
     return (
-        frames[joint, 0, 3]
-        + frames[joint, 0, 0] * x
-        + frames[joint, 0, 1] * y
-        + frames[joint, 0, 2] * z,
-        frames[joint, 1, 3]
-        + frames[joint, 1, 0] * x
-        + frames[joint, 1, 1] * y
-        + frames[joint, 1, 2] * z,
-        frames[joint, 2, 3]
-        + frames[joint, 2, 0] * x
-        + frames[joint, 2, 1] * y
-        + frames[joint, 2, 2] * z,
+        T[joint, 0, 3] + T[joint, 0, 0] * x + T[joint, 0, 1] * y + T[joint, 0, 2] * z,
+        T[joint, 1, 3] + T[joint, 1, 0] * x + T[joint, 1, 1] * y + T[joint, 1, 2] * z,
+        T[joint, 2, 3] + T[joint, 2, 0] * x + T[joint, 2, 1] * y + T[joint, 2, 2] * z,
     )
 
 
