@@ -213,14 +213,11 @@ def measure_node(subject: MeasuredRobot) -> Iterator[Entry]:
         yield entry
 
 
-_PACKAGE = "placement_planner_ros"
-
-
 def _seconds_to_warm(
     subject: MeasuredRobot, environment: dict[str, str]
 ) -> tuple[float | None, float | None]:
     paths = [str(folder) for folder in subject.package_dirs]
-    command = [sys.executable, "-m", f"{_PACKAGE}.ros.node", "--ros-args"]
+    command = [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args"]
     command += ["--params-file", str(subject.file), "-p", f"package_paths:={json.dumps(paths)}"]
     began = time.monotonic()
     process = subprocess.Popen(
@@ -272,7 +269,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "node" in given.rows:
         _tell_entries(subject, measure_node(subject))
     beside = read_measured_robot(given.beside, given.packages)
-    warm_up(beside.robot, beside.arms, beside.q_start)
+    for each in (beside, subject):  # covers and tables are made once, as before `warm`
+        warm_up(each.robot, each.arms, each.q_start)
     rows = {
         "edges": measure_edges(subject, beside),
         "first": measure_first(subject),
