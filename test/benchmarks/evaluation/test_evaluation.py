@@ -173,10 +173,11 @@ def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
 
 def test_the_yardstick_is_better_than_random_and_says_what_may_be_left(monkeypatch):
     monkeypatch.setattr("benchmarks.yardstick.exhaustive_search._STEP_M", 0.012)  # in less time
-    case = Case("table", "wine_glass", "maximize_clearance")
+    case = Case("table", "wine_glass", "minimize_clearance")
     (record,) = measure_yardstick(YardstickJob(case, seconds=60.0, random_placements=30))
     assert record["random_placements"] == 30
-    assert record["best"] > 0.46 > record["random"]
+    # -0.078 without the finer grids
+    assert record["best"] > -0.075 > record["random"]
     assert record["most"] >= record["best"]
     enough = record["best"] + 0.02 * (record["best"] - record["random"])
     assert record["complete"] == (record["most"] <= enough)
