@@ -64,7 +64,7 @@ def add_evaluation_commands(commands: Any) -> None:
     yardstick.add_argument(
         "--seconds",
         type=float,
-        default=300.0,
+        default=900.0,
         help="processor time per case",
     )
     add_case_options(yardstick)

@@ -56,7 +56,7 @@ class YardstickJob:
     """
 
     case: Case
-    seconds: float = 300.0
+    seconds: float = 900.0
     random_placements: int = 200
 
     @property
