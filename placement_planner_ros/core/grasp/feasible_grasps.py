@@ -52,7 +52,7 @@ def usable_holdings(
         if not usable:
             continue
         # What every grasp of the arm shares.
-        moving = _inset_arm(problem.robot, arm, problem.q_start, settings)
+        moving = _moving_arm(problem.robot, arm, problem.q_start, settings)
         open_hands: dict[int, OpenHand] = {}
         for grasp in usable:
             step(f"making arm {arm.name} with grasp {grasp}")
@@ -86,7 +86,7 @@ def lay_out_holdings(
     q_start = robot.unwound(q_start)
     for arm in arms:
         with contextlib.suppress(PlacementPlannerError):
-            moving = _inset_arm(robot, arm, q_start, settings)
+            moving = _moving_arm(robot, arm, q_start, settings)
             open_hand = OpenHand(moving, body, nothing, settings)
             for grasp in range(len(arm.grasps)):
                 step(f"laying out arm {arm.name} with grasp {grasp}")
@@ -94,10 +94,17 @@ def lay_out_holdings(
                 Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
 
 
-def _inset_arm(robot: Robot, arm: Arm, q_start: Array, settings: GraspSettings) -> MovingArm:
-    """The arm at q_0 (nq,), with limits drawn in, so that a timed curve between them stays within
-    the real ones."""
+def within_limits(arm: Arm, settings: GraspSettings) -> Arm:
+    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
+
+    Tables of what can be told of an arm before a search are for these.
+    """
     inset = np.minimum(settings.limit_inset, 0.25 * (arm.upper - arm.lower))
-    q = q_start[arm.q_index]
-    lower, upper = np.minimum(arm.lower + inset, q), np.maximum(arm.upper - inset, q)
+    return arm.with_limits(arm.lower + inset, arm.upper - inset)
+
+
+def _moving_arm(robot: Robot, arm: Arm, q_start: Array, settings: GraspSettings) -> MovingArm:
+    """That arm at q_0 (nq,), within limits that hold q_0."""
+    inside, q = within_limits(arm, settings), q_start[arm.q_index]
+    lower, upper = np.minimum(inside.lower, q), np.maximum(inside.upper, q)
     return MovingArm(robot, arm.with_limits(lower, upper), q_start)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.grasp.feasible_grasps import within_limits
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.arm import MovingArm
@@ -28,7 +30,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         PlacementPlannerError: robot or arms are unusable.
     """
     _solve_once()
-    for arm in arms:
+    for arm in (within_limits(each, PlannerSettings().grasp) for each in arms):
         seed_table(Chain.from_robot(robot, arm, q_robot))
         somewhere = ObstacleSet.from_points(np.zeros((1, 3)))
         ArmCollision(MovingArm(robot, arm, q_robot), None, somewhere)

@@ -1,4 +1,4 @@
-"""After warming up a search compiles nothing more."""
+"""After warming up a search compiles nothing more, and asks for no tables but those it has made."""
 
 import subprocess
 import sys
@@ -17,6 +17,7 @@ import pinocchio as pin
 from numba.core import event
 
 from placement_planner_ros import Body, Environment, PlannerSettings
+from placement_planner_ros.core.collision import pair_tables
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -41,10 +42,19 @@ class Compiled(event.Listener):
 compiled = []
 event.register("numba:compile", Compiled())
 
+def recalled(kind, key, make):
+    tables.append(key)
+    return recall(kind, key, make)
+
+
+tables, recall = [], pair_tables.recalled_result
+pair_tables.recalled_result = recalled
+
 robot = load_yumi()
 arms = [yumi_arm(robot, name) for name in ("left", "right")]
 warm_up(robot, arms, pin.neutral(robot.model))
 compiled.clear()
+made = {*tables}
 held, scene = object_by_name("small_crayons_box"), scene_by_name("cabinet_high_clutter")
 body = Body.from_mesh(held.vertices, held.triangles)
 environment = Environment.from_points(complete_cloud(scene), scene.volume)
@@ -64,6 +74,7 @@ points = np.column_stack([x, y, np.where(np.hypot(x - 0.5, y) < 0.02, -0.2, 0.0)
 volume, eye = TargetVolume([0.3, -0.2, -0.05], [0.7, 0.2, 0.3]), np.array([0.5, 0.0, 1.0])
 pierced = Environment.from_points(points, volume, sights=[View(points, eye)])
 print(int(pierced.support.supported(points, 0.003).sum()))
+print(len(made), len({*tables} - made))
 for name in compiled:
     print(name)
 """
@@ -79,7 +90,10 @@ def test_a_search_compiles_nothing_that_warming_up_has_not():
         timeout=600.0,
     )
     assert done.returncode == 0, done.stderr
-    found, more, gaps, *unknown = done.stdout.splitlines()
+    found, more, gaps, tables, *unknown = done.stdout.splitlines()
     assert min(int(found), int(more)) >= 2, "this searched too little to tell"
     assert int(gaps) > 0
+    made, others = map(int, tables.split())
+    assert made > 4
+    assert others == 0
     assert unknown == []
