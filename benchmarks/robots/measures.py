@@ -269,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "node" in given.rows:
         _tell_entries(subject, measure_node(subject))
     beside = read_measured_robot(given.beside, given.packages)
-    for each in (beside, subject):  # covers and tables are made once, as before `warm`
+    for each in (beside, subject):  # as before `warm`: what `first` needs is made
         warm_up(each.robot, each.arms, each.q_start)
     rows = {
         "edges": measure_edges(subject, beside),

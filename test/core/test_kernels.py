@@ -1,5 +1,6 @@
 """Where compiled kernels are kept: apart by the state of all of them, and by programs alone."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -23,6 +24,9 @@ PLACE = (
     "import numba\n"
     "print(numba.config.CACHE_DIR)"
 )
+NUMBERS = {"acos", "atan2", "cos", "floor", "float32", "isfinite", "isnan", "log", "sin", "sqrt"}
+NUMBERS |= {"reshape", "searchsorted", "sum"}
+"""What kernels may call of numpy and of arrays that makes no array."""
 SAYING = "from placement_planner_ros.core.disk_cache import TROUBLES\nTROUBLES.listen(print)\n"
 
 
@@ -151,3 +155,20 @@ def test_callers_are_compiled_anew_where_what_they_call_has_changed(tmp_path):
     second, result = run(code, **where).splitlines()
     assert result == "20"
     assert first != second
+
+
+def test_kernels_that_count_no_references_make_no_arrays():
+    """Which nobody would free."""
+    seen = 0
+    for path in PACKAGE.rglob("*.py"):
+        for kernel in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(kernel, ast.FunctionDef):
+                continue
+            if not any("Uncounted" in ast.unparse(each) for each in kernel.decorator_list):
+                continue
+            seen += 1
+            calls = [each.func for each in ast.walk(kernel) if isinstance(each, ast.Call)]
+            names = {each.attr for each in calls if isinstance(each, ast.Attribute)}
+            assert names <= NUMBERS, f"{path.name}: {kernel.name}: {names - NUMBERS}"
+            assert not any(isinstance(each, ast.ListComp | ast.List) for each in ast.walk(kernel))
+    assert seen > 50

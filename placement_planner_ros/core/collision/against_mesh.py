@@ -1,8 +1,8 @@
 """Original triangles against a convex hull or against each other: what decides where covers do not.
 
-Trees of boxes are descended, two at once, and what boxes do not keep apart is left to the distance
-of triangles (`separation`). Where no triangle of a mesh is near, what is asked about lies
-inside the solid that its closed components bound, or outside: a ray says which.
+Trees of boxes are descended, those of two meshes at once, and what boxes do not keep apart is left
+to the distance of triangles (`separation`). Where no triangle of a mesh is near, what is asked
+about lies inside the solid that its closed components bound, or outside: a ray says which.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from numba import njit
 from placement_planner_ros.core.collision.meshes import MeshArrays
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, sets_keep
 from placement_planner_ros.core.reach.kinematics import to_world
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 from placement_planner_ros.core.uncounted import Uncounted
 
 Point = tuple[float, float, float]
+MeshRooms = tuple[Array, Index, Array]
+"""Work space: (4, 3) at least, (64, 2) pairs of nodes that wait, and (9, 4)."""
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -121,16 +123,16 @@ def _squared_gap(boxes: Array, a: int, b: int, T: Array, way: Array) -> float:
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def meshes_keep(
-    meshes: MeshArrays, pair: tuple[int, int], T: Array, need: float, room: Array, work: Array
+    meshes: MeshArrays, pair: tuple[int, int], T: Array, need: float, rooms: MeshRooms
 ) -> bool:
     """Whether two meshes are certainly `need` apart; both trees are descended together.
 
     Args:
         pair: of the meshes.
         T: (1, 4, 4) pose of the second mesh in the first.
-        room: (8, 3) at least; work: (9, 4): work space.
     """
     one, two = pair
+    room, waiting, work = rooms
     corners, leaves, points = meshes.corners, meshes.leaves, meshes.components
     root, below = meshes.first_node[one], meshes.first_node[two]
     inner = (meshes.first_node[one + 1] - root) // 2
@@ -138,9 +140,8 @@ def meshes_keep(
     far = need + BOUND_TOLERANCE_M
     # Where to look for the first distance from: anywhere.
     work[5, :3] = 0.0
-    # Pairs of nodes that wait, one for each level of both trees at most: the roots.
-    waiting = np.zeros((64, 2), np.int64)
-    count = 1
+    # Pairs of nodes wait, at most one for each level of both trees and one more; first the roots.
+    waiting[0], count = 0, 1
     while count > 0:
         count -= 1
         a, b = waiting[count, 0], waiting[count, 1]
@@ -165,7 +166,7 @@ def meshes_keep(
                 # The direction that kept the last triangle away may keep its neighbours away.
                 if not sets_keep((corners, 3 * u, 3 * u + 3), (room, 0, 3), need, work):
                     return False
-    # No triangles meet: each component lies inside the other mesh or outside, as a point of it.
+    # No triangles are near: each component lies inside the other mesh or outside, as a point of it.
     for c in range(meshes.first_component[two], meshes.first_component[two + 1]):
         x, y, z = to_world(T, 0, points[c, 0], points[c, 1], points[c, 2])
         if winding_number(meshes, one, x, y, z) != 0:

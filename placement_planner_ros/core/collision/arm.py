@@ -261,14 +261,9 @@ class ArmCollision:
         strays = self._no_deviation if deviation is None else kernel_input(deviation)
         edge, settings = JointEdge(*ends, strays.reshape(self._dof)), self.settings
         resolutions = settings.edge_resolution, settings.self_resolution
-        free = check_edge(
-            self._flat.arrays,
-            self._boxes,
-            self._scratch,
-            edge,
-            EdgeLimits(self._margins(reserve, contact), *resolutions),
-            (self._queue, self._settled),
-        )
+        limits = EdgeLimits(self._margins(reserve, contact), *resolutions)
+        work = self._queue, self._settled
+        free = check_edge(self._flat.arrays, self._boxes, self._scratch, edge, limits, work)
         if not free:
             _require_finite(np.array(edge))
         # Free here: what the other set of obstacles says.

@@ -128,6 +128,8 @@ class ArmScratch(NamedTuple):
     """(v, 3) of what is held against a mesh, in its frame; `mesh_frames` (3, 4, 4), of one mesh, of
     another, and of that one in the first."""
     mesh_frames: Array
+    mesh_pairs: Index
+    """(64, 2) nodes of two meshes that wait."""
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     hit: Index
@@ -268,6 +270,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         work=np.zeros((9, 4)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
         mesh_frames=np.zeros((3, 4, 4)),
+        mesh_pairs=np.zeros((64, 2), np.int64),
         direction=np.zeros((flat.directions, 6)),
         hit=np.zeros(3, dtype=np.int64),
         bound=np.zeros((a.moving, joints + 1)),

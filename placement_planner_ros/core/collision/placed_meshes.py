@@ -84,4 +84,5 @@ def solids_keep(arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float
         for i in range(3):
             T[0, i, j] = A[0, i] * x + A[1, i] * y + A[2, i] * z
     pair = arm.meshes[mesh, at.MESH_TREE], arm.meshes[other, at.MESH_TREE]
-    return meshes_keep(arm.trees, pair, T, need, scratch.mesh_points, scratch.work)
+    rooms = scratch.mesh_points, scratch.mesh_pairs, scratch.work
+    return meshes_keep(arm.trees, pair, T, need, rooms)

@@ -97,7 +97,8 @@ def lay_out_holdings(
 def within_limits(arm: Arm, settings: GraspSettings) -> Arm:
     """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
 
-    Tables of what can be told of an arm before a search are for these.
+    What is tabled of an arm before a search is for these; where q_0 is not within them the search
+    makes its own.
     """
     inset = np.minimum(settings.limit_inset, 0.25 * (arm.upper - arm.lower))
     return arm.with_limits(arm.lower + inset, arm.upper - inset)

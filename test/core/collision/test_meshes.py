@@ -14,6 +14,7 @@ from placement_planner_ros.core.collision.against_mesh import (
 from placement_planner_ros.core.collision.meshes import MeshTree, mesh_arrays
 
 WORK = np.zeros((9, 4))
+ROOMS = np.zeros((4, 3)), np.zeros((64, 2), np.int64), WORK
 
 
 def bvh(corners):
@@ -127,13 +128,13 @@ def test_two_meshes_are_free_and_collide_as_coal_says(first, second):
     a, b = solid(first), solid(second)
     arrays = arrays_of(a, b)
     surfaces = bvh(np.asarray(a.triangles)), bvh(np.asarray(b.triangles))
-    rng, room = np.random.default_rng(4), np.zeros((8, 3))
+    rng = np.random.default_rng(4)
     answers = []
     for _ in range(400):
         T = random_pose(rng, 0.2)
         distance = coal_distance(*surfaces, T)
         need = 0.005
-        answer = meshes_keep(arrays, (0, 1), T[None], need, room, WORK)
+        answer = meshes_keep(arrays, (0, 1), T[None], need, ROOMS)
         answers.append(answer)
         if abs(distance - need) > 1e-4:
             assert answer == (distance > need), (distance, answer)
@@ -147,7 +148,7 @@ def test_surfaces_that_run_beside_each_other_are_free_as_far_as_they_are_apart(g
     bearing = trimesh.creation.annulus(0.03 + gap, 0.05, 0.04, sections=90)
     arrays = arrays_of(bearing, shaft)
     surfaces = bvh(np.asarray(bearing.triangles)), bvh(np.asarray(shaft.triangles))
-    rng, room = np.random.default_rng(5), np.zeros((8, 3))
+    rng = np.random.default_rng(5)
     for _ in range(20):
         T = np.eye(4)
         T[:3, :3] = Rotation.from_euler("z", rng.uniform(-3.0, 3.0)).as_matrix()
@@ -156,7 +157,7 @@ def test_surfaces_that_run_beside_each_other_are_free_as_far_as_they_are_apart(g
         assert 0.0 < distance < gap
         for order, T_order in (((0, 1), T), ((1, 0), np.linalg.inv(T))):
             for share, kept in ((0.98, True), (1.02, False)):
-                answer = meshes_keep(arrays, order, T_order[None], share * distance, room, WORK)
+                answer = meshes_keep(arrays, order, T_order[None], share * distance, ROOMS)
                 assert answer == kept
 
 
@@ -167,11 +168,10 @@ def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
     far.apply_translation((0.5, 0.0, 0.0))
     several = trimesh.util.concatenate([far, small])
     arrays = arrays_of(large, several)
-    room = np.zeros((8, 3))
     for order in ((0, 1), (1, 0)):
-        assert not meshes_keep(arrays, order, np.eye(4)[None], 0.0, room, WORK)
+        assert not meshes_keep(arrays, order, np.eye(4)[None], 0.0, ROOMS)
     T = np.eye(4)
     T[1, 3] = 0.5
-    assert meshes_keep(arrays, (0, 1), T[None], 0.0, room, WORK)
+    assert meshes_keep(arrays, (0, 1), T[None], 0.0, ROOMS)
     corners = np.asarray(small.vertices)
     assert not mesh_keeps_hull(arrays, 0, corners, 8, 0.0, WORK)
