@@ -81,8 +81,9 @@ class Plane:
         """
         off = np.subtract(self.slope, slope)
         effect = float(off @ self.spread @ off)  # m², variance of the heights it makes
-        # three standard deviations; three by three boxes, projected onto one plane, err alike
-        explained = (3.0 * 3.0 * self.scatter) ** 2 / self.boxes
+        # five standard deviations, for scenes have many planes; three by three boxes, projected
+        # onto one plane, err alike
+        explained = (5.0 * 3.0 * self.scatter) ** 2 / self.boxes
         return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
 
     def passes(self, volume: TargetVolume, beside: float) -> bool:
