@@ -288,13 +288,7 @@ class PlacementPlanner:
         # Arms and grasps that can be used, and what checks their samples.
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
-        finder = GoalFinder(
-            poses,
-            holdings,
-            objective,
-            settings.ik_seeds,
-            rng_ik,
-        )
+        finder = GoalFinder(poses, holdings, objective, settings.ik_seeds, rng_ik)
         # What is searched, and what can be proven of it.
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
@@ -408,12 +402,7 @@ class PlacementPlanner:
         return self.explanation
 
     def _placements(
-        self,
-        goal: Goal,
-        path: Array,
-        best: float,
-        started: float,
-        should_stop: Callable[[], bool],
+        self, goal: Goal, path: Array, best: float, started: float, should_stop: Callable[[], bool]
     ) -> Iterator[Placement]:
         """What a path to a goal gives: the locally optimised placement, or the one that was reached
         where that cannot be timed.

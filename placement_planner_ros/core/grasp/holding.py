@@ -116,10 +116,7 @@ class Holding:
         return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
 
     def configurations(
-        self,
-        T_world_object: pin.SE3,
-        seeds: int,
-        rng: np.random.Generator,
+        self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator
     ) -> Array | Verdict:
         """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
 
@@ -275,11 +272,7 @@ class Holding:
         return np.array(raised[::-1]) if raised else None
 
     def _straight_way(
-        self,
-        q: Array,
-        T_world_object: pin.SE3,
-        lines: StraightLines,
-        ends: tuple[float, float],
+        self, q: Array, T_world_object: pin.SE3, lines: StraightLines, ends: tuple[float, float]
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` from one length of the way to another, their edges free.
 

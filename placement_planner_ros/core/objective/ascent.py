@@ -13,7 +13,12 @@ from placement_planner_ros.core.objective.objective import Objective, objective_
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-_MASKS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
+_CONES = [
+    (np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away))
+    for away in np.radians((30.0, 60.0, 80.0))
+    for turn in np.arange(8) * np.pi / 4.0
+]
+"""Directions so far from the third axis, all around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +35,7 @@ class AscentSettings(Settings):
     first_step: float = setting(0.02, "(0, inf)", "m")
     last_step: float = setting(1e-3, "(0, inf)", "m")
     turn_radius: float = setting(0.1, "(0, inf)", "m")
-    max_steps: int = setting(100, "[0, inf)")
+    max_steps: int = setting(200, "[0, inf)")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -79,14 +84,17 @@ def climb_objective(
 def ascent_directions(
     objective: Objective, x: pin.SE3, turn_radius: float, slope: Slope = LEVEL
 ) -> Array:
-    """(k, 3) ascent directions in (x, y, e_z): the gradient, then its components.
+    """(k, 3) ascent directions in (x, y, e_z): the gradient, then others, the steepest first.
 
-    At a wall the gradient itself is blocked while one of its components still is free. Each is of
+    At a wall the gradient itself is blocked while a direction beside it still is free. Each is of
     unit length, a radian counting as `turn_radius` metres.
     """
-    # The gradient and its components, in metres.
+    # The gradient in metres, one beside it in the plane, and one across both.
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
-    masked = objective_gradient(objective, x, slope=slope) * scale * _MASKS
-    lengths = np.linalg.norm(masked, axis=1)
-    kept = lengths > 1e-9
-    return np.asarray(masked[kept] / lengths[kept, None] * scale)
+    up = objective_gradient(objective, x, slope=slope) * scale
+    if np.linalg.norm(up) <= 1e-9:
+        return np.empty((0, 3))
+    up /= np.linalg.norm(up)
+    beside = np.array([-up[1], up[0], 0.0]) if np.hypot(up[0], up[1]) > 1e-9 else np.eye(3)[0]
+    beside /= np.linalg.norm(beside)
+    return np.vstack([up, _CONES @ np.stack([beside, np.cross(up, beside), up])]) * scale

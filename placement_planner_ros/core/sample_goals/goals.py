@@ -124,12 +124,7 @@ class GoalFinder:
         return estimate_batch(self._objective, T)
 
     def _reach_any(
-        self,
-        draws: Draws,
-        row: int,
-        wanted: Wanted,
-        best: float,
-        should_stop: Callable[[], bool],
+        self, draws: Draws, row: int, wanted: Wanted, best: float, should_stop: Callable[[], bool]
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         # The arm and grasp that were drawn, or all in random order.

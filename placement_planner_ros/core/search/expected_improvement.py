@@ -88,12 +88,13 @@ class ImprovementModel:
         path = [cells["node"]]
         while (path[-1] >= 0).any():
             path.append(np.where(path[-1] >= 0, self._nodes["above"][path[-1]], -1))
-        # From a half down: what is expected above counts as some tries.
+        counts = [np.where((n >= 0)[:, None], self._nodes["counts"][n], 0.0) for n in path]
+        # From a half down: what is expected above, but for the tries below, counts as some tries.
         chances = np.full(len(cells), 0.5)
-        for numbers in reversed(path[:-1]):
-            tries, reached = self._nodes["counts"][numbers].T
-            of = (reached + _TRIES * chances) / (tries + _TRIES)
-            chances = np.where(numbers >= 0, of, chances)
+        for level in reversed(range(len(path) - 1)):
+            below = _in_whole(counts[level - 1]) * (path[level] >= 0)[:, None] if level else 0.0
+            tries, reached = (counts[level] - below).T
+            chances = (reached + _TRIES * chances) / (tries + _TRIES)
         return chances
 
     def count_try(self, cell: np.void, tried: float, reached: float) -> None:
@@ -102,9 +103,9 @@ class ImprovementModel:
         number, added = int(cell["node"]), np.array([tried, reached])
         while number >= 0:
             counts = self._nodes["counts"][number]
-            before = counts / (1.0 + counts[0] / _TRIES_OF_PART)
+            before = _in_whole(counts)
             counts += added
-            added = counts / (1.0 + counts[0] / _TRIES_OF_PART) - before
+            added = _in_whole(counts) - before
             # One level up.
             number = int(self._nodes["above"][number])
 
@@ -173,3 +174,8 @@ class ImprovementModel:
                 self._spread[depth] = np.sqrt(self._squares[depth] / self._values[depth])
             elif depth:
                 self._spread[depth] = 0.5 * self._spread[depth - 1]
+
+
+def _in_whole(counts: Array) -> Array:
+    """What tries and successes (..., 2) in a part count as in the whole."""
+    return np.asarray(counts / (1.0 + counts[..., :1] / _TRIES_OF_PART))

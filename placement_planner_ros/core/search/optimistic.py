@@ -107,7 +107,8 @@ class OptimisticSampler(BatchSampler):
         self._waiting: list[tuple[float, np.void]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
-        self._drawn = self._filed[:0]  # the cells that poses were drawn from last
+        # the cells that poses were drawn from last, and these as x, y, θ
+        self._drawn, self._places = self._filed[:0], np.empty((0, 3))
         # for this ξ_best: cells and poses kept of uniform ones, but not used yet; and the pose sets
         # in which something better was free, but is not reached
         self._drawn_for, self._left = -np.inf, (self._drawn, np.empty((0, 3)))
@@ -136,7 +137,8 @@ class OptimisticSampler(BatchSampler):
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
         self._drawn = np.concatenate([parts, coarse])
-        return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
+        self._places = np.concatenate([within, drawn])
+        return self._sets.draws(self._drawn["set"], self._places)
 
     def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
         """What promises most for its cost first; as drawn until something is found, and while goals
@@ -165,6 +167,13 @@ class OptimisticSampler(BatchSampler):
         missed = (outcome.values > best) & (verdicts >= Verdict.NOT_BETTER)
         missed &= verdicts < Verdict.FEASIBLE
         self._hopeful[cells["set"][missed]] = best > -np.inf
+        # Of a coarse cell that was split before it is the part in which the sample lies.
+        again = missed & self._split[cells["coarse"]]
+        half = 0.5 * (cells["high"] - cells["low"])[again]
+        low = cells["low"][again]
+        low += half * (self._places[again] >= low + half)
+        cells["low"][again], cells["high"][again] = low, low + half
+        cells["coarse"][again], cells["depth"][again] = -1, 1
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
