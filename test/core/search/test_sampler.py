@@ -225,6 +225,20 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     for node in model.add_nodes(np.repeat(whole, 100)):
         model.count_try(of([node])[0], 1.0, 0.0)
     assert model.chances(later) < 0.1 * of_parts[1]
+    # Four tries say no more the smaller the part is that they were made in.
+    model, node = ImprovementModel(1), np.array([0])
+    for _ in range(6):
+        node = model.add_nodes(node)
+    model.count_try(of(node)[0], 4.0, 0.0)
+    assert model.chances(of(node)) == pytest.approx(0.5 * 2.0 / 6.0)
+
+
+def test_what_is_missed_in_a_coarse_cell_that_was_split_is_kept():
+    made, checker = sampler(OptimisticSampler, samples_per_call=200)
+    checker.judge = lambda *_: (Verdict.NO_IK, 1.0)
+    made._split[:-1] = True
+    made.sample_goals(-np.inf, never)
+    assert (made._worth > 0.0).sum() >= 200
 
 
 @pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
