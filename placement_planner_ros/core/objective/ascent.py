@@ -15,10 +15,11 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 _CONES = [
     (np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away))
-    for away in np.radians((30.0, 60.0, 80.0))
-    for turn in np.arange(8) * np.pi / 4.0
+    for away in np.radians((45.0, 80.0))
+    for turn in np.arange(6) * np.pi / 3.0
 ]
 """Directions so far from the third axis, all around it."""
+_MASKS = np.array([(1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +85,10 @@ def climb_objective(
 def ascent_directions(
     objective: Objective, x: pin.SE3, turn_radius: float, slope: Slope = LEVEL
 ) -> Array:
-    """(k, 3) ascent directions in (x, y, e_z): the gradient, then others, the steepest first.
+    """(k, 3) ascent directions in (x, y, e_z): the gradient, its components, then some about it.
 
-    At a wall the gradient itself is blocked while a direction beside it still is free. Each is of
-    unit length, a radian counting as `turn_radius` metres.
+    At a wall the gradient itself is blocked while one of the others still is free. Each is of unit
+    length, a radian counting as `turn_radius` metres.
     """
     # The gradient in metres, one beside it in the plane, and one across both.
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
@@ -95,6 +96,9 @@ def ascent_directions(
     if np.linalg.norm(up) <= 1e-9:
         return np.empty((0, 3))
     up /= np.linalg.norm(up)
-    beside = np.array([-up[1], up[0], 0.0]) if np.hypot(up[0], up[1]) > 1e-9 else np.eye(3)[0]
-    beside /= np.linalg.norm(beside)
-    return np.vstack([up, _CONES @ np.stack([beside, np.cross(up, beside), up])]) * scale
+    parts = up * _MASKS
+    lengths = np.linalg.norm(parts, axis=1)
+    kept = lengths > 1e-9
+    beside = np.array([-up[1], up[0], 0.0]) / lengths[0] if kept[0] else np.eye(3)[0]
+    about = _CONES @ np.stack([beside, np.cross(up, beside), up])
+    return np.vstack([up, parts[kept] / lengths[kept, None], about]) * scale

@@ -73,17 +73,16 @@ class Plane:
     spread: Array
     boxes: int
 
-    def tells_apart(self, slope: Slope, skin: float) -> bool:
+    def tells_apart(self, slope: Slope, skin: float, deviations: float = 3.0) -> bool:
         """Whether it surely does not slope like that.
 
-        Its heights would have to be off by more than noise explains, and by more than `skin` metres
-        from one end to the other.
+        Its heights would have to be off by more than noise explains within so many standard
+        deviations, and by more than `skin` metres from one end to the other.
         """
         off = np.subtract(self.slope, slope)
         effect = float(off @ self.spread @ off)  # m², variance of the heights it makes
-        # five standard deviations, for scenes have many planes; three by three boxes, projected
-        # onto one plane, err alike
-        explained = (5.0 * 3.0 * self.scatter) ** 2 / self.boxes
+        # three by three boxes, projected onto one plane, err alike
+        explained = (3.0 * deviations * self.scatter) ** 2 / self.boxes
         return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
 
     def passes(self, volume: TargetVolume, beside: float) -> bool:
@@ -122,10 +121,13 @@ class Planes:
         skin = obstacles.surface_tolerance
         for k in sorted(range(len(found)), key=lambda k: -found[k].area):
             plane = found[k]
-            if not plane.tells_apart(LEVEL, skin):
+            too_steep = steepness(plane.slope) > settings.max_slope + _ALIKE
+            # scenes have many that are level, and on what is off level things stand along it; on
+            # what is too steep they do not
+            if not plane.tells_apart(LEVEL, skin, 3.0 if too_steep else 5.0):
                 owner_of[k] = 0
                 continue
-            if steepness(plane.slope) > settings.max_slope + _ALIKE:
+            if too_steep:
                 owner_of[k] = STEEP
                 steep.append(plane)
                 continue

@@ -83,13 +83,17 @@ class ImprovementModel:
         return np.arange(len(self._nodes) - len(new), len(self._nodes))
 
     def chances(self, cells: Cells) -> Array:
-        """(n,) the share of tries that reach their pose, of what is known of cells (n,)."""
+        """(n,) the share of tries that reach their pose, of what is known of cells (n,).
+
+        From the faces down to their nodes, each node's own tries beside what those in the rest of
+        the one above say.
+        """
         # The nodes of the cells, those above them, and so on.
         path = [cells["node"]]
         while (path[-1] >= 0).any():
             path.append(np.where(path[-1] >= 0, self._nodes["above"][path[-1]], -1))
         counts = [np.where((n >= 0)[:, None], self._nodes["counts"][n], 0.0) for n in path]
-        # From a half down: what is expected above, but for the tries below, counts as some tries.
+        # From a half down: what the rest of the node above says counts as some tries.
         chances = np.full(len(cells), 0.5)
         for level in reversed(range(len(path) - 1)):
             below = _in_whole(counts[level - 1]) * (path[level] >= 0)[:, None] if level else 0.0

@@ -3,8 +3,9 @@
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
-is split once only, but its parts stay: nothing that is free and better is put aside for good, and
-what the arms fail to reach promises less with each try. Poses are reached for in the same order.
+is split once only, but its parts stay, and so does a part in which something better is missed
+later: what the arms fail to reach promises less with each try. Poses are reached for in the same
+order.
 """
 
 from __future__ import annotations
@@ -173,7 +174,7 @@ class OptimisticSampler(BatchSampler):
         low = cells["low"][again]
         low += half * (self._places[again] >= low + half)
         cells["low"][again], cells["high"][again] = low, low + half
-        cells["coarse"][again], cells["depth"][again] = -1, 1
+        cells["coarse"][again], cells["depth"][again], cells["scale"][again] = -1, 1, 1
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
