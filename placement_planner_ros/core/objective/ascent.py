@@ -13,13 +13,7 @@ from placement_planner_ros.core.objective.objective import Objective, objective_
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-_CONES = [
-    (np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away))
-    for away in np.radians((45.0, 80.0))
-    for turn in np.arange(6) * np.pi / 3.0
-]
-"""Directions so far from the third axis, all around it."""
-_MASKS = np.array([(1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
+_MASKS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +30,7 @@ class AscentSettings(Settings):
     first_step: float = setting(0.02, "(0, inf)", "m")
     last_step: float = setting(1e-3, "(0, inf)", "m")
     turn_radius: float = setting(0.1, "(0, inf)", "m")
-    max_steps: int = setting(200, "[0, inf)")
+    max_steps: int = setting(100, "[0, inf)")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -85,20 +79,14 @@ def climb_objective(
 def ascent_directions(
     objective: Objective, x: pin.SE3, turn_radius: float, slope: Slope = LEVEL
 ) -> Array:
-    """(k, 3) ascent directions in (x, y, e_z): the gradient, its components, then some about it.
+    """(k, 3) ascent directions in (x, y, e_z): the gradient, then its components.
 
-    At a wall the gradient itself is blocked while one of the others still is free. Each is of unit
-    length, a radian counting as `turn_radius` metres.
+    At a wall the gradient itself is blocked while one of its components still is free. Each is of
+    unit length, a radian counting as `turn_radius` metres.
     """
-    # The gradient in metres, one beside it in the plane, and one across both.
+    # The gradient and its components, in metres.
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
-    up = objective_gradient(objective, x, slope=slope) * scale
-    if np.linalg.norm(up) <= 1e-9:
-        return np.empty((0, 3))
-    up /= np.linalg.norm(up)
-    parts = up * _MASKS
-    lengths = np.linalg.norm(parts, axis=1)
+    masked = objective_gradient(objective, x, slope=slope) * scale * _MASKS
+    lengths = np.linalg.norm(masked, axis=1)
     kept = lengths > 1e-9
-    beside = np.array([-up[1], up[0], 0.0]) / lengths[0] if kept[0] else np.eye(3)[0]
-    about = _CONES @ np.stack([beside, np.cross(up, beside), up])
-    return np.vstack([up, parts[kept] / lengths[kept, None], about]) * scale
+    return np.asarray(masked[kept] / lengths[kept, None] * scale)
