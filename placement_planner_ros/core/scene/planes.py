@@ -122,8 +122,8 @@ class Planes:
         for k in sorted(range(len(found)), key=lambda k: -found[k].area):
             plane = found[k]
             too_steep = steepness(plane.slope) > settings.max_slope + _ALIKE
-            # scenes have many that are level, and on what is off level things stand along it; on
-            # what is too steep they do not
+            # level surfaces are many, and what stands along one that is off level by chance stands
+            # on an edge: five deviations; three where it is too steep, as nothing stands there
             if not plane.tells_apart(LEVEL, skin, 3.0 if too_steep else 5.0):
                 owner_of[k] = 0
                 continue
