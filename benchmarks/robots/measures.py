@@ -55,6 +55,7 @@ from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup.warm_up import warm_up
+from placement_planner_ros.ros.process import shrink_heaps
 
 Entry = dict[str, Any]
 ROWS = ("first", "edges", "node", "agreement")
@@ -117,6 +118,7 @@ def measure_first(subject: MeasuredRobot) -> Iterator[Entry]:
             run.failure = f"{error.code}: {error}"
         seconds = run.solutions[0].time if found else _LIMIT
         entry |= {"seconds": seconds, "solutions": len(found), "failure": run.failure}
+        shrink_heaps()  # as the node does once a run has ended
         if number == _RUNS:
             entry["megabytes"] = resident_megabytes(os.getpid())
         yield entry
@@ -132,7 +134,6 @@ def _checker_refusals(
     pairs = "".join(
         f'<disable_collisions link1="{a}" link2="{b}"/>' for a, b in subject.robot.allowed_pairs
     )
-    vertices, triangles = object_of(subject, name)
     obstacles = problem.environment.measured
     mimics = subject.robot.mimics
     start = zip(subject.robot.joint_names, subject.q_start.tolist(), strict=True)
@@ -146,8 +147,7 @@ def _checker_refusals(
         scene.parts,
         subject.volume.boxes[:, 0],
         subject.volume.boxes[:, 1],
-        vertices,
-        triangles,
+        *object_of(subject, name),
         problem.body.center_of_mass,
         subject.urdf,
         f"<robot>{pairs}</robot>",

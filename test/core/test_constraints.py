@@ -34,10 +34,7 @@ def problem():
 
 def constraints(problem, **settings):
     planner = PlacementPlanner(
-        problem,
-        lambda T: 0.0,
-        replace(PlannerSettings(), **settings),
-        np.random.default_rng(0),
+        problem, lambda T: 0.0, replace(PlannerSettings(), **settings), np.random.default_rng(0)
     )
     return planner.sampler._checker._poses
 

@@ -1,6 +1,8 @@
 """Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
 
+import gc
 import itertools
+import weakref
 from dataclasses import asdict, replace
 from unittest import mock
 
@@ -74,6 +76,17 @@ def test_the_same_seed_and_budget_give_the_same_placements():
         assert np.array_equal(a.trajectory.positions, b.trajectory.positions)
     other = plan(samples=800, seed=1)[1]
     assert [p.objective for p in first] != [p.objective for p in other]
+
+
+def test_what_a_run_planned_with_goes_with_it():
+    """Else memory grows by an environment a run until cycles are looked for."""
+    planner, _ = plan(support_region="largest")
+    gone = weakref.ref(planner._poses.problem.environment)
+    gc.disable()
+    del planner
+    kept = gone()
+    gc.enable()
+    assert kept is None
 
 
 def test_a_black_box_objective_steers_where_things_go():

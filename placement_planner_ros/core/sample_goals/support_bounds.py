@@ -5,7 +5,6 @@ How far a place is from where support begins tells it for all that are nearer to
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
@@ -53,7 +52,7 @@ class SupportBound:
         for padded, points in zip(self._feet, feet, strict=True):
             padded[:, :2] = points[0]
             padded[: len(points), :2] = points
-        self._fields = functools.cache(self._fields_at)
+        self._fields: dict[tuple[float, ...], list[tuple[Array, float, Array]]] = {}  # by plane
 
     def unsupported(self, placed: PlacedCells) -> Mask:
         """(n,) cells at all of whose poses support is lacking, or the centre of mass beside V."""
@@ -96,9 +95,11 @@ class SupportBound:
         found = np.zeros(radii.shape, np.bool_)
         # Cells on one plane are looked up together.
         for number in np.unique(placed.plane).tolist():
-            height, along_x, along_y = placed.planes[number].tolist()
+            plane = height, along_x, along_y = tuple(placed.planes[number].tolist())
+            if plane not in self._fields:
+                self._fields[plane] = self._fields_at(height, (along_x, along_y))
             rows = np.flatnonzero(placed.plane == number)
-            for origin, pixel, field in self._fields(height, (along_x, along_y)):
+            for origin, pixel, field in self._fields[plane]:
                 # At the pixel of the layer that is nearest to the middle.
                 at = np.round((middles[rows] - origin) / pixel).astype(np.int64)
                 i, j = np.moveaxis(at.clip(0, np.array(field.shape) - 1), -1, 0)

@@ -85,14 +85,8 @@ def test_one_coordinate_per_joint():
             "joint j.*lower <= upper",
         ),
         (two(joint("j", "a", "b", xyz="0 nan 0")), "joint j: origin xyz"),
-        (
-            two(joint("j", "a", "b").replace("0 1 0", "0 0 0")),
-            "joint j: axis.*zero",
-        ),
-        (
-            two(joint("j", "a", "b", limit='<limit upper="x"/>')),
-            "joint j: upper = 'x'",
-        ),
+        (two(joint("j", "a", "b").replace("0 1 0", "0 0 0")), "joint j: axis.*zero"),
+        (two(joint("j", "a", "b", limit='<limit upper="x"/>')), "joint j: upper = 'x'"),
         (
             two(joint("j", "a", "b", "prismatic", limit='<limit lower="-inf" upper="0"/>')),
             "joint j.*finite limits",
@@ -107,14 +101,8 @@ def test_one_coordinate_per_joint():
             ),
             "circle",
         ),
-        (
-            urdf(link("r"), link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")),
-            "loop",
-        ),
-        (
-            two(joint("j", "a", "b"), joint("k", "b", "a")),
-            "link a = 'b'.*loop",
-        ),
+        (urdf(link("r"), link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")), "loop"),
+        (two(joint("j", "a", "b"), joint("k", "b", "a")), "link a = 'b'.*loop"),
     ],
 )
 def test_bad_descriptions_are_refused(text, message):

@@ -120,16 +120,7 @@ def test_xacro_is_told_from_what_it_makes(files):
 
 def test_names_that_no_file_has(files, tree):
     os.mkfifo(tree / "open/pipe.stl")
-    for uri in (
-        "",
-        "\0",
-        "x" * 5000,
-        "package://",
-        "open",
-        "pipe.stl",
-        "/dev/zero",
-        "file://",
-    ):
+    for uri in ("", "\0", "x" * 5000, "package://", "open", "pipe.stl", "/dev/zero", "file://"):
         for trusted in (False, True):
             with pytest.raises(FileNotFoundError):
                 files.find(uri, trusted=trusted)
