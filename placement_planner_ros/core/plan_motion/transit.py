@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
-from placement_planner_ros.core.plan_motion.withdrawal import straight_way, winding_way
+from placement_planner_ros.core.plan_motion.withdrawal import WindingTree, straight_way
 from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
@@ -82,7 +82,7 @@ class _Candidate:
     """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
 
     `branch` is the way out of it that is known, None until it is first active; `widen` is when the
-    next is sought; `turned` is whether it has been tried the other way round, too.
+    next is sought, in `tree`; `turned` is whether it has been tried the other way round, too.
     """
 
     goal: Goal
@@ -90,6 +90,7 @@ class _Candidate:
     turns: int = 0
     activated: int = 0
     branch: Array | None = None
+    tree: WindingTree | None = None
     widen: int = 0
     turned: bool = False
 
@@ -227,7 +228,9 @@ class _Trees:
         candidate = min(due, key=lambda c: c.widen)
         candidate.widen = iterations + self._settings.winding
         assert candidate.branch is not None
-        way = winding_way(self._holding, candidate.branch, self._rng, should_stop)
+        if candidate.tree is None:
+            candidate.tree = WindingTree(self._holding, candidate.branch)
+        way = candidate.tree.grow(self._rng, should_stop)
         if way is not None:
             candidate.branch = way
             self.rrt.add_branch(candidate.key, way)

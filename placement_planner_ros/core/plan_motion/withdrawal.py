@@ -19,7 +19,9 @@ _DRAWN_OUT_M = 0.3
 """m from the goal, where the object counts as drawn out; of a winding way half as much is tried in
 one direction."""
 _TRIED_DIRECTIONS = 40
-"""Directions that a winding way tries at most."""
+"""Directions that a tree tries in one call."""
+_SMALLEST_STEP = 0.03
+"""Of the step between waypoints, the smallest of a winding way: a millimetre."""
 
 
 def straight_way(holding: Holding, q: Array) -> Array:
@@ -44,68 +46,82 @@ def straight_way(holding: Holding, q: Array) -> Array:
     return np.array(best)
 
 
-def winding_way(
-    holding: Holding,
-    branch: Array,
-    rng: np.random.Generator,
-    should_stop: Callable[[], bool] = lambda: False,
-) -> Array | None:
-    """(k, dof) a free way from branch[0] on that gets the object further out than `branch` does.
+class WindingTree:
+    """Free ways from branch[0] on that get the object further out than `branch` does.
 
     An expansive tree in the space of object poses: its nodes move in random directions, inwards
     rather than outwards, turning or not, half of the time from the node that is furthest out.
 
     Args:
         branch: (m, dof) a free way from the goal on, which the tree begins with.
-        should_stop: asked before every direction; True ends the search.
-
-    Returns:
-        None where the object is out already, or no way further out is found.
     """
-    # The known way is the tree so far, its end the furthest out.
-    nodes = list(branch)
-    parents = list(range(-1, len(nodes) - 1))
-    goal = holding.object_pose(nodes[0])
-    inwards = _inward_direction(holding, goal)
-    inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
-    best = len(nodes) - 1
-    run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
-    # A turn by which what is furthest from the object's origin moves as far as between waypoints.
-    furthest = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
-    most_turned = _WAYPOINT_STEP_M / furthest
-    out = begun = _distance_from_goal(holding, nodes[best], goal)
-    for _ in range(_TRIED_DIRECTIONS):
-        if out >= _DRAWN_OUT_M or should_stop():
-            break
-        # From the node that is furthest out, or from any.
-        last = best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
-        # A direction, inwards rather than outwards, and half of the time a turn.
-        direction = rng.standard_normal(3) + inwards
-        size = rng.random()
-        direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
-        turn = np.eye(3)
-        if rng.random() < 0.5:
-            vector = size * most_turned * rng.standard_normal(3)
-            if holding.upright is not None:
-                vector[:2] = 0.0  # about the vertical, which tilts nothing
-            turn = pin.exp3(vector)
-        # Go on as far as that is free.
-        for q in _straight_run(holding, nodes[last], direction, turn, run)[1:]:
-            parents.append(last)
-            last = len(nodes)
-            nodes.append(q)
-        # Whether it has come further out than all others.
-        reached = _distance_from_goal(holding, nodes[last], goal)
-        if reached > out:
-            best, out = last, reached
-    # The way back from the node that is furthest out.
-    if out <= begun:
-        return None
-    way = []
-    while best >= 0:
-        way.append(nodes[best])
-        best = parents[best]
-    return np.array(way[::-1])
+
+    def __init__(self, holding: Holding, branch: Array) -> None:
+        self._holding = holding
+        self._nodes = list(branch)
+        self._parents = list(range(-1, len(branch) - 1))
+        self._goal = holding.object_pose(branch[0])
+        inwards = _inward_direction(holding, self._goal)
+        self._inwards = inwards / max(float(np.linalg.norm(inwards)), 1e-6)
+        # The end of the known way is the furthest out so far.
+        self._best = len(branch) - 1
+        self._out = self._distance(branch[-1])
+        # A turn by which what is furthest from the object's origin moves as far as waypoints do.
+        furthest = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
+        self._most_turned = _WAYPOINT_STEP_M / furthest
+
+    def grow(
+        self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
+    ) -> Array | None:
+        """(k, dof) a way further out than all before, after some more directions.
+
+        Args:
+            should_stop: asked before every direction; True ends the call.
+
+        Returns:
+            None where the object is out already, or no way further out is found.
+        """
+        nodes, begun = self._nodes, self._out
+        run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
+        for _ in range(_TRIED_DIRECTIONS):
+            if self._out >= _DRAWN_OUT_M or should_stop():
+                break
+            # From the node that is furthest out, or from any.
+            last = self._best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
+            # A direction, inwards rather than outwards, and half of the time a turn; of all sizes,
+            # as pockets are left in steps of millimetres.
+            direction = rng.standard_normal(3) + self._inwards
+            size = _SMALLEST_STEP ** rng.random()
+            direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
+            turn = np.eye(3)
+            if rng.random() < 0.5:
+                vector = size * self._most_turned * rng.standard_normal(3)
+                if self._holding.upright is not None:
+                    vector[:2] = 0.0  # about the vertical, which tilts nothing
+                turn = pin.exp3(vector)
+            # Go on as far as that is free.
+            for q in _straight_run(self._holding, nodes[last], direction, turn, run)[1:]:
+                self._parents.append(last)
+                last = len(nodes)
+                nodes.append(q)
+            # Whether it has come further out than all others.
+            reached = self._distance(nodes[last])
+            if reached > self._out:
+                self._best, self._out = last, reached
+        return None if self._out <= begun else self._way()
+
+    def _way(self) -> Array:
+        """(k, dof) from the goal to the node that is furthest out."""
+        way, node = [], self._best
+        while node >= 0:
+            way.append(self._nodes[node])
+            node = self._parents[node]
+        return np.array(way[::-1])
+
+    def _distance(self, q: Array) -> float:
+        """Of the object's origin at `q` from where it is at the goal, metres."""
+        moved = self._holding.object_pose(q).translation - self._goal.translation
+        return float(np.linalg.norm(moved))
 
 
 def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
@@ -113,11 +129,6 @@ def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
     inwards = np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation)
     inwards[2] = 0.0
     return inwards
-
-
-def _distance_from_goal(holding: Holding, q: Array, goal: pin.SE3) -> float:
-    """Of the object's origin at `q` from where it is at the goal, metres."""
-    return float(np.linalg.norm(holding.object_pose(q).translation - goal.translation))
 
 
 def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
