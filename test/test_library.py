@@ -268,7 +268,7 @@ BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     ("changed", "why"),
     [
         ({"time_limit": 1e-9}, "no sample was tried"),
-        ({"environment": np.zeros((0, 3))}, "no placement region: the cloud is empty"),
+        ({"environment": np.zeros((0, 3))}, "no placement region: the cloud is empty, or"),
         ({"volume": TargetVolume(VOLUME.lower + UP, VOLUME.upper + UP)}, "no placement region"),
         ({"body": Body.from_mesh(BALL.vertices, BALL.faces)}, "no placement face"),
     ],

@@ -204,10 +204,7 @@ SITUATIONS = {
         "in self-collision",
     ),
     "start in collision with the cloud": Situation(
-        Inputs(
-            {"self_filter.enabled": False},
-            np.concatenate([TABLE, hand()]),
-        ),
+        Inputs({"self_filter.enabled": False}, np.concatenate([TABLE, hand()])),
         "BAD_START",
         "self_filter.enabled",
         with_parameters(self_filter__enabled=True),
@@ -229,10 +226,7 @@ SITUATIONS = {
     ),
     "everything unseen": Situation(
         Inputs(
-            {
-                "sensor_poses.camera": pose(pin.SE3(np.eye(3), BELOW)),
-                "unknown_space": "occupied",
-            },
+            {"sensor_poses.camera": pose(pin.SE3(np.eye(3), BELOW)), "unknown_space": "occupied"},
             TABLE - BELOW,
             "camera",
         ),
@@ -257,7 +251,7 @@ SITUATIONS = {
         "NO_REGION",
         "cloud_topics",
         lambda inputs, _: replace(inputs, points=TABLE),
-        "nothing in target_volume is level, measured without holes",
+        "nothing in target_volume was found to be level, measured without holes",
     ),
     "a volume narrower than any region": Situation(
         Inputs({"target_volume": [0.4, 0.1, -0.05, 0.41, 0.11, 0.2]}),
@@ -391,13 +385,7 @@ class RealBench(Bench):
         if not answer.success:
             return answer.code, answer.words
         run = self.node._commands.run
-        self.wait(
-            lambda: (
-                not run.active
-                or run.solutions
-                or (run.planner is not None and self.paused.is_set())
-            )
-        )
+        self.wait(lambda: not run.active or run.solutions or (run.planner and self.paused.is_set()))
         self.call("stop")
         self.wait(lambda: not run.active)
         answer = self.call("stop")

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from placement_planner_ros.core.errors import listed
-from placement_planner_ros.core.explanation.explanation import Remedy, Search
-from placement_planner_ros.core.explanation.surfaces import slope_to_allow
+from placement_planner_ros.core.explanation.explanation import SENSOR, Remedy, Search
+from placement_planner_ros.core.explanation.surfaces import slope_to_allow, steep_tilt, usual_cells
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.types import Verdict
 
 
@@ -28,19 +27,18 @@ class ConstraintRow:
     inputs: tuple[tuple[str, str], ...]
 
 
-_ROOM = ("with_unknown", "collision_margin", "cell_size")
+_COARSE, _FINE = "coarse cell_size", "fine cell_size"
+_ROOM = ("with_unknown", "collision_margin", _COARSE)
 _MARGINS = ("edge_margin", "support_margin")
 _ASKED = ("keep_out", "front", "up", "max_tilt", "required", *_MARGINS)
-_SUPPORT = ("max_slope", *_MARGINS, "contact_tolerance", "support")
+_SUPPORT = (SENSOR, "max_slope", *_MARGINS, "contact_tolerance", _COARSE, _FINE, "support")
 _MORE_ROOM = ("volume", "choose one with more room beside and above what stands there")
 _GRASPS = ("grasps of arm <arm>", "give further ones, with arm and hand clear of what is there")
 _NO_RETREAT = ("require_retreat", "false, if the hand need not leave the object")
 
 TABLE = {
     Verdict.OUTSIDE_VOLUME: ConstraintRow(
-        "had the centre of mass beside `volume`",
-        (),
-        (("volume", "make it wider than the object"),),
+        "had the centre of mass beside `volume`", (), (("volume", "make it wider than the object"),)
     ),
     Verdict.UNSTABLE: ConstraintRow(
         "left the object without support",
@@ -84,7 +82,7 @@ TABLE = {
         (_MORE_ROOM, _GRASPS),
     ),
     Verdict.NO_RETREAT: ConstraintRow(
-        "left the open hand no straight way off the placed object",
+        "left the hand no straight way off the placed object",
         ("retreat_distance", *_ROOM, *_ASKED),
         (_GRASPS, _NO_RETREAT),
     ),
@@ -104,7 +102,6 @@ def demands(search: Search) -> dict[str, str]:
         ("retreat_distance", grasp.retreat, usual.retreat),
         # each rule has a margin of its own
         ("edge_margin" if by_vertices else "support_margin", footing, search.usual_support),
-        ("cell_size", environment.measured, GridSettings()),
     )
     # only what asks for more than is usual is worth changing
     for name, asked, default in lengths:
@@ -126,8 +123,14 @@ def demands(search: Search) -> dict[str, str]:
             "set it to free, or from occupied to occupied_below where what is unseen lies high, "
             f"or show more: {environment.seen:.0%} of `volume` have been seen"
         )
-    if (slope := slope_to_allow(environment)) is not None:
-        told["max_slope"] = slope
+    if (tilt := steep_tilt(environment)) is not None:
+        told[SENSOR] = tilt[1]
+    given = {
+        "max_slope": slope_to_allow(environment),
+        _COARSE: usual_cells(environment, finer=False),
+        _FINE: usual_cells(environment, finer=True),
+    }
+    told |= {name: words for name, words in given.items() if words is not None}
     if len(environment.keep_out):
         told["keep_out"] = "make its boxes smaller, or leave out those in the way"
     turns = search.poses.turns
@@ -151,7 +154,7 @@ def remedies_for(search: Search, *verdicts: Verdict) -> tuple[Remedy, ...]:
     for row in (TABLE[verdict] for verdict in verdicts):
         for name in row.bearing:
             if name in asked:
-                found.setdefault(name, asked[name])
+                found.setdefault(name.removeprefix("coarse ").removeprefix("fine "), asked[name])
         # `<arm>` stands for every arm that could hold the object
         for name, words in row.inputs:
             names = (name.replace("<arm>", arm) for arm in arms) if "<arm>" in name else [name]

@@ -8,6 +8,7 @@ import numpy as np
 
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.core.types import Array, steepness
@@ -25,7 +26,8 @@ def why_no_region(environment: Environment) -> Explanation:
         own = environment.near.left_out
         given = Remedy("environment", "give points of the surroundings")
         if not own:
-            return Explanation("no placement region: the cloud is empty", (given,))
+            words = "the cloud is empty, or none of its points is finite"
+            return Explanation(f"no placement region: {words}", (given,))
         leave = Remedy("own points", "leave out no more than the robot and what it holds")
         words = f"all {own:,} points of the clouds are taken for those of the robot or the object"
         return Explanation(f"no placement region: {words}", (given, leave))
@@ -56,16 +58,45 @@ def _none_in_reach(environment: Environment) -> Cause | None:
 
 
 def _steep_slope(environment: Environment) -> Array | None:
-    """(2,) the rise of the largest surface in V that is steeper than `max_slope`."""
-    # the first plane is the largest
-    steep = (
-        plane.slope for plane in environment.steep if environment.volume.contains(plane.middle)
+    """(2,) the rise of a surface steeper than `max_slope` that most of what was measured in V is;
+    None where there is no such."""
+    measured = environment.measured
+    points = measured.points.astype(np.float64)
+    points = points[environment.volume.contains(points)]
+    area = len(np.unique(np.floor(points[:, :2] / measured.cell_size), axis=0))
+    for plane in environment.steep:
+        off = points[:, 2] - plane.height - points[:, :2] @ np.array(plane.slope)
+        on = int((np.abs(off) <= measured.surface_tolerance + 3.0 * measured.noise).sum())
+        # a plane goes on where the surface that it is of does not
+        if 2 * on > len(points) and plane.area > 0.5 * area * measured.cell_size**2:
+            return np.array(plane.slope)
+    return None
+
+
+def steep_tilt(environment: Environment) -> tuple[str, str] | None:
+    """That surface's slope, in words, and what to correct where it is level in truth."""
+    rise = _steep_slope(environment)
+    if rise is None:
+        return None
+    by = f"{math.degrees(steepness(rise)):.1f} degrees"
+    x, y = rise / np.hypot(*rise)
+    return (
+        f"most of what was measured in `volume` slopes by {by}, rising towards x = {x:.2f}, "
+        f"y = {y:.2f}; `max_slope` allows {math.degrees(environment.max_slope):.1f} degrees",
+        f"correct the sensor's tilt by {by}, if the surface is level in truth",
     )
-    return next((np.array(slope) for slope in steep), None)
+
+
+def usual_cells(environment: Environment, finer: bool) -> str | None:
+    """How to change a `cell_size` that is finer, or else coarser, than usual, in words."""
+    size, usual = environment.measured.cell_size, GridSettings().cell_size
+    if size >= usual if finer else size <= usual:
+        return None
+    return f"{'raise' if finer else 'lower'} it: {size:g} m is set, {usual:g} m is usual"
 
 
 def slope_to_allow(environment: Environment) -> str | None:
-    """What to raise `max_slope` to, in words, where that lets the largest surface carry."""
+    """What to raise `max_slope` to, in words, where that lets that surface carry."""
     rise = _steep_slope(environment)
     slope = 0.0 if rise is None else steepness(rise)
     if rise is None or slope > meaning_of(RegionSettings(), "max_slope").ends[1]:
@@ -76,17 +107,14 @@ def slope_to_allow(environment: Environment) -> str | None:
 
 
 def _too_steep(environment: Environment) -> Cause | None:
-    """That the largest surface in V is steeper than `max_slope`; None where it is not."""
-    rise, allow = _steep_slope(environment), slope_to_allow(environment)
-    if rise is None:
+    """That most of the surface in V is steeper than `max_slope`; None where it is not."""
+    tilt, allow = steep_tilt(environment), slope_to_allow(environment)
+    if tilt is None:
         return None
-    by = f"{math.degrees(steepness(rise)):.1f} degrees"
-    x, y = rise / np.hypot(*rise)
     return (
-        f"the largest surface in `volume` slopes by {by}, rising towards x = {x:.2f}, "
-        f"y = {y:.2f}; `max_slope` allows {math.degrees(environment.max_slope):.1f} degrees",
+        tilt[0],
         (
-            Remedy(SENSOR, f"correct the sensor's tilt by {by}, if the surface is level in truth"),
+            Remedy(SENSOR, tilt[1]),
             *([] if allow is None else [Remedy("max_slope", allow)]),
             Remedy("volume", "choose one with a level surface, if it is not"),
         ),
@@ -97,16 +125,21 @@ def _beside_volume(environment: Environment) -> Cause | None:
     """That most of what was measured over and under V is beyond it; None where it is not."""
     found = [_mostly_at(environment, box) for box in environment.volume.boxes]
     # of all boxes of V the surface that is the least beyond one of them
-    nearest = min(filter(None, found), key=lambda each: abs(each[1]), default=None)
-    if nearest is None or nearest[1] == 0.0:
+    nearest = min(filter(None, found), key=lambda each: abs(each[2]), default=None)
+    if nearest is None or nearest[2] == 0.0:
         return None
-    height, beyond = nearest
+    lowest, highest, beyond = nearest
     side, bound = ("under", "minimum z") if beyond < 0.0 else ("above", "maximum z")
+    words = f"what was measured over and under `volume` lies mostly {abs(beyond):.3f} m {side} it"
+    headroom = RegionSettings().headroom
+    # what is at no one height is no surface
+    if highest - lowest > headroom:
+        return f"{words}, between z = {lowest:.3f} and {highest:.3f}", (_ALIGN,)
     # a little farther than the surface, which noise moves
-    reached = height + math.copysign(RegionSettings().headroom, beyond)
+    height = 0.5 * (lowest + highest)
+    reached = height + math.copysign(headroom, beyond)
     return (
-        f"what was measured over and under `volume` lies mostly {abs(beyond):.3f} m {side} "
-        f"it, at z = {height:.3f}",
+        f"{words}, at z = {height:.3f}",
         (Remedy("volume", f"set its {bound} to {reached:.3f}"), _ALIGN),
     )
 
@@ -114,10 +147,12 @@ def _beside_volume(environment: Environment) -> Cause | None:
 def _not_a_region(environment: Environment) -> Cause:
     """What a region needs."""
     settings = RegionSettings()
+    cells = usual_cells(environment, finer=False) or usual_cells(environment, finer=True)
     return (
-        f"nothing in `volume` is level, measured without holes, larger than "
+        f"nothing in `volume` was found to be level, measured without holes, larger than "
         f"{1e4 * settings.min_area:g} cm² and free for {settings.headroom:g} m above it",
         (
+            *([] if cells is None else [Remedy("cell_size", cells)]),
             Remedy("volume", "choose one with a level surface in it"),
             Remedy("environment", "give a denser cloud, if it has holes there"),
             _ALIGN,
@@ -125,32 +160,31 @@ def _not_a_region(environment: Environment) -> Cause:
     )
 
 
-def _mostly_at(environment: Environment, box: Array) -> tuple[float, float] | None:
-    """Of what was measured over and under a box (2, 3) the median by its distance: its height, and
-    how far above (or below, negative) the box that is, m; None where nothing was."""
-    measured = environment.measured
-    middle = 0.5 * (measured.lower + measured.upper)
-    over = ((middle[:, :2] >= box[0, :2]) & (middle[:, :2] <= box[1, :2])).all(axis=1)
-    heights = measured.upper[over, 2]
+def _mostly_at(environment: Environment, box: Array) -> tuple[float, float, float] | None:
+    """Of the points over and under a box (2, 3): between which heights the middle half of them
+    lies, and how far above (or below, negative) the box the median by distance is, m; None where
+    there are none."""
+    points = environment.measured.points
+    over = ((points[:, :2] >= box[0, :2]) & (points[:, :2] <= box[1, :2])).all(axis=1)
+    heights = points[over, 2].astype(np.float64)
     if len(heights) == 0:
         return None
     # 0 within the box, positive above it, negative below
     beyond = np.maximum(heights - box[1, 2], 0.0) + np.minimum(heights - box[0, 2], 0.0)
-    median = np.argsort(np.abs(beyond))[len(beyond) // 2]
-    return float(heights[median]), float(beyond[median])
+    median = float(beyond[np.argsort(np.abs(beyond))[len(beyond) // 2]])
+    lowest, highest = np.quantile(heights[beyond * median >= 0.0], (0.25, 0.75)).tolist()
+    return lowest, highest, median
 
 
 def regions_in_words(environment: Environment) -> list[str]:
     """How many regions, how large; how much of V was seen, where that is known."""
     regions = environment.regions
     words = []
-    if regions and (steep := _too_steep(environment)) is not None:
-        words.append(steep[0])
+    if regions and (tilt := steep_tilt(environment)) is not None:
+        words.append(tilt[0])
     if regions:
-        total, largest = sum(region.area for region in regions), regions[0].area
         words.append(
-            f"placement regions in `volume`: {len(regions)}, together {total:.4f} m², the "
-            f"largest {largest:.4f} m²"
+            f"placement regions in `volume`: {len(regions)}, the largest {regions[0].area:.4f} m²"
         )
     if environment.seen is not None:
         words.append(f"the sensors have seen {environment.seen:.0%} of `volume`")

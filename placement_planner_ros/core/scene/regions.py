@@ -231,6 +231,8 @@ def mask_tiles(
     Yields:
         Where in the mask, which pixels there, and the disjoint rectangles (k, 4), m, that they are.
     """
+    if not mask.any():  # nor does scipy take an empty one
+        return
     labels, number = label(mask, np.ones((3, 3)))
     fewest = settings.min_area / pixel**2
     large = np.bincount(labels.ravel(), minlength=number + 1) >= fewest

@@ -13,12 +13,13 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.explanation.constraint_table import TABLE as ROWS
 from placement_planner_ros.core.explanation.constraint_table import shares_in_words
 from placement_planner_ros.core.explanation.explain import explain_search
-from placement_planner_ros.core.explanation.explanation import Explanation, Remedy, quoted
-from placement_planner_ros.core.explanation.surfaces import why_no_region
+from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy, quoted
+from placement_planner_ros.core.explanation.surfaces import regions_in_words, why_no_region
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
@@ -69,10 +70,7 @@ def planned(table, samples=600, **settings):
             ],
         ),
         (Verdict.NO_APPROACH, ["target_volume", "left.grasps, right.grasps"]),
-        (
-            Verdict.NO_RETREAT,
-            ["left.grasps, right.grasps", "require_retreat"],
-        ),
+        (Verdict.NO_RETREAT, ["left.grasps, right.grasps", "require_retreat"]),
     ],
     ids=str,
 )
@@ -162,10 +160,45 @@ def test_an_explanation_in_one_line_and_in_several():
 def test_of_no_points_it_is_told_whether_any_were_the_robots():
     bounds = np.zeros(3), np.ones(3)
     empty = Environment.from_points(np.zeros((0, 3)), TargetVolume(*bounds), bounds=bounds)
-    assert why_no_region(empty).cause.endswith("the cloud is empty")
+    assert why_no_region(empty).cause.endswith("is empty, or none of its points is finite")
     told = why_no_region(empty.with_near(NearPoints(left_out=7)))
     assert "7 points" in told.cause
     assert [remedy.parameter for remedy in told.remedies] == ["environment", "own points"]
+
+
+def in_cells(size, *surfaces, floor=0.0):
+    """A volume with level or steep (x, y, width, depth, rise) at z = 0, points 2 mm apart."""
+    points = [np.zeros((0, 3))]
+    for x, y, width, depth, rise in surfaces:
+        along, across = np.mgrid[0.0:width:0.002, 0.0:depth:0.002].reshape(2, -1)
+        points.append(np.stack([x + along, y + across, rise * along], axis=1))
+    volume = TargetVolume([0.0, 0.0, floor], [0.5, 0.5, 0.3])
+    return Environment.from_points(np.concatenate(points), volume, GridSettings(cell_size=size))
+
+
+def test_cells_that_are_too_large_or_too_small_are_named_first():
+    """With large ones the level table is no region, and their boxes end above V."""
+    table = (0.0, 0.0, 0.5, 0.5, 0.0)
+    told = why_no_region(in_cells(0.1, table, floor=-0.03))
+    assert "without holes" in told.cause
+    assert str(told.remedies[0]) == "`cell_size`: lower it: 0.1 m is set, 0.01 m is usual"
+    told = why_no_region(in_cells(0.002, (0.0, 0.0, 0.008, 0.008, 0.0)))
+    assert str(told.remedies[0]) == "`cell_size`: raise it: 0.002 m is set, 0.01 m is usual"
+
+
+def test_a_small_slope_beside_a_large_level_surface_is_not_blamed():
+    ramp = (0.4, 0.2, 0.1, 0.1, 0.3)
+    for level, blamed in ((0.35, False), (0.05, True)):
+        seen = in_cells(0.01, (0.0, 0.0, level, level, 0.0), ramp, floor=-0.05)
+        assert seen.steep, "the ramp was found"
+        assert any("slopes by" in words for words in regions_in_words(seen)) == blamed
+
+
+def test_heights_that_scatter_are_told_as_a_range_without_a_height_for_the_volume():
+    wall = np.stack([*np.mgrid[0.1:0.4:0.004, 0.5:0.9:0.004].reshape(2, -1)[[0, 0, 1]]], axis=1)
+    told = why_no_region(Environment.from_points(wall, TargetVolume([0, 0, 0], [0.5, 0.5, 0.3])))
+    assert "above it, between z = 0.59" in told.cause.replace("0.60", "0.59")
+    assert [remedy.parameter for remedy in told.remedies] == [SENSOR]
 
 
 def test_a_table_that_is_too_steep_is_named_with_its_angle_and_the_remedy_helps():
