@@ -71,11 +71,30 @@ def workspace(
     lower, upper = volume.lower - around, volume.upper + around
     for arm in arms:
         chain = Chain.from_robot(robot, arm, q_robot)
-        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
-        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
         held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
         beyond_tip = _HELD_STEP_M * math.ceil((held + size) / _HELD_STEP_M)
-        radius = lengths + slides + beyond_tip + _HAND_LENGTH_M
-        base = chain.fixed[0, :3, 3]
-        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
+        # what slides before anything turns goes its own way; from there on any way is possible
+        first = int(np.flatnonzero([*~chain.prismatic, True])[0])
+        lengths = np.linalg.norm(chain.fixed[first + 1 :, :3, 3], axis=1).sum()
+        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[first:][chain.prismatic[first:]]
+        radius = lengths + slides.sum() + beyond_tip + _HAND_LENGTH_M
+        at, ends, spheres = np.eye(4), np.zeros((2, 3)), []
+        for joint in range(first):
+            at = at @ chain.fixed[joint]
+            ends += np.sort(np.outer([chain.lower[joint], chain.upper[joint]], at[:3, 2]), axis=0)
+        spheres.append(((at @ chain.fixed[first])[:3, 3], radius))
+        # the shapes that it carries, as large as they are
+        if first > 0:
+            q = np.array(q_robot)
+            q[arm.q_index] = 0.0
+            carried = set(robot.model.subtrees[robot.model.getJointId(arm.joints[0])])
+            for thing, T in zip(
+                robot.geometry.geometryObjects, robot.geometry_poses(q), strict=True
+            ):
+                if thing.parentJoint in carried:
+                    box = thing.geometry.aabb_local
+                    spheres.append((T.act(box.center()), 0.5 * np.linalg.norm(box.max_ - box.min_)))
+        for middle, beyond in spheres:
+            lower = np.minimum(lower, middle + ends[0] - beyond)
+            upper = np.maximum(upper, middle + ends[1] + beyond)
     return lower, upper

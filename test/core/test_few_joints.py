@@ -8,18 +8,13 @@ from checker import Solution, SolutionChecker
 from helpers import few_joints
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.search.optimistic import OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
 
-HELD = {
-    "five": few_joints.FROM_ASIDE,
-    "five aside": few_joints.FROM_ABOVE,
-    "four": few_joints.FROM_ABOVE,
-    "four aside": few_joints.FROM_ASIDE,
-    "scara": few_joints.FROM_ABOVE,
-    "gantry": few_joints.FROM_ABOVE,
-    "gantry yaw": few_joints.FROM_ABOVE,
-}
+HELD = dict.fromkeys(few_joints.ARMS[:-1], few_joints.FROM_ABOVE)
+HELD |= dict.fromkeys(("five", "four aside"), few_joints.FROM_ASIDE)
 TELESCOPE = "telescope"
 MANY = OptimisticSettings(batch=150)
 
@@ -83,3 +78,21 @@ def test_sections_that_slide_together_are_planned_timed_and_published_as_one(tab
                 for of_all, leads, more in zip(moved, first, (offset, 0.0, 0.0), strict=True):
                     np.testing.assert_allclose(of_all[:, column], factor * leads + more, atol=1e-9)
     assert previous is not None, planner.explain()
+
+
+@pytest.mark.parametrize("name", [*HELD, TELESCOPE])
+def test_all_that_moves_stays_in_the_workspace(table, name):
+    problem, _, _ = few_joints.made(name, HELD.get(name, few_joints.FROM_ASIDE), *table)
+    robot, (arm,) = problem.robot, problem.arms
+    lower, upper = workspace(robot, (arm,), problem.q_start, problem.body, problem.volume)
+    if name.startswith("gantry"):  # of 12 m of rail, and little besides
+        assert (upper - lower)[1] < 6.0 < 12.0 < (upper - lower)[0]
+    rng, q = np.random.default_rng(0), np.array(problem.q_start)
+    carried = set(robot.model.subtrees[robot.model.getJointId(arm.joints[0])])
+    for values in follow_masters(arm.ties, rng.uniform(arm.lower, arm.upper, (300, arm.dof))):
+        q[arm.q_index] = values
+        for thing, T in zip(robot.geometry.geometryObjects, robot.geometry_poses(q), strict=True):
+            if thing.parentJoint in carried:
+                ends = [thing.geometry.aabb_local.min_, thing.geometry.aabb_local.max_]
+                corners = [T.act(np.choose(at, ends)) for at in np.ndindex(2, 2, 2)]
+                assert ((corners >= lower) & (corners <= upper)).all()

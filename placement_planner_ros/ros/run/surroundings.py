@@ -320,8 +320,8 @@ def require_grid(snapshot: Snapshot) -> None:
         raise ParameterError(
             "cloud.cell_size",
             settings.cell_size,
-            f"makes more than {settings.max_cells} cells of the {size} m that are of interest; "
-            "set it higher, or a target_volume nearer to the robot",
+            f"makes more than {settings.max_cells} cells of the {size} m that the arms' reach "
+            "and target_volume span; set it higher, or where the latter is far away, that nearer",
         )
 
 
