@@ -62,7 +62,7 @@ def read_measured_robot(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> 
     with redirect_stdout(sys.stderr):
         paths += read_given(file, {}, findings).parameters["package_paths"]
         given = read_given(file, {"package_paths": paths}, findings)
-        start = start_in(file) or {}
+        start = start_in(file)
         snapshot = findings.attempt(lambda: read_snapshot(given, None, findings, start))
     if snapshot is None or findings.faults:
         raise ParameterError("file", str(file), "; ".join(findings.faults))

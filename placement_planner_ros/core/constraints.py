@@ -132,12 +132,7 @@ class PoseConstraints:
         return self._judged(T, faces, contacts, slopes, lacking), T
 
     def _judged(
-        self,
-        T: Array,
-        faces: Index,
-        contacts: Array,
-        slopes: Array,
-        lacking: Array,
+        self, T: Array, faces: Index, contacts: Array, slopes: Array, lacking: Array
     ) -> Index:
         """(n,) verdicts of poses T (n, 4, 4) with these reference points, see `verdicts`."""
         # In V lie the reference points, and horizontally the centres of mass.

@@ -26,12 +26,7 @@ from placement_planner_ros.scenes.scenes import Scene
 
 SIZE = (720, 514)
 """Pixels of a picture, without its words."""
-COLOURS: tuple[Colour, ...] = (
-    PLACED,
-    (0.15, 0.45, 0.90),
-    (0.65, 0.25, 0.80),
-    (0.98, 0.78, 0.10),
-)
+COLOURS: tuple[Colour, ...] = (PLACED, (0.15, 0.45, 0.90), (0.65, 0.25, 0.80), (0.98, 0.78, 0.10))
 """Of the things, one after the other, and of the ways that they are carried."""
 _ASIDE, _ELEVATION = np.deg2rad([30.0, 45.0])
 """rad: azimuth of the eye from the robot's front, and its elevation."""

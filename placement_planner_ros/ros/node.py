@@ -106,12 +106,7 @@ class PlacementPlannerNode(ParameterNode):
         )
         # made last, as what it receives may end a run, which the commands know
         self._reception = Reception(
-            self,
-            self._inputs,
-            self._settings,
-            self._end_where_robot_moved,
-            self._log,
-            self.calls,
+            self, self._inputs, self._settings, self._end_where_robot_moved, self._log, self.calls
         )
         # Nobody calls yet, so nobody waits; who calls first should find it read.
         for each in (self._inputs.robot, self._inputs.object):

@@ -22,11 +22,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 IN_A_ROW = 5
 ELEVATION, AZIMUTH = np.deg2rad([18.0, -150.0])
 TOWARDS_EYE = np.array(
-    [
-        np.cos(ELEVATION) * np.cos(AZIMUTH),
-        np.cos(ELEVATION) * np.sin(AZIMUTH),
-        np.sin(ELEVATION),
-    ]
+    [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
 )
 GREEN, BLUE, RED = (0.45, 0.75, 0.45), (0.1, 0.25, 0.7), (0.8, 0.15, 0.1)
 CONE_M = 0.06

@@ -26,11 +26,7 @@ _PLANES = 64
 
 
 def too_near(
-    world: World,
-    poses: Poses,
-    times: Array,
-    approach_start: float,
-    tolerances: Tolerances,
+    world: World, poses: Poses, times: Array, approach_start: float, tolerances: Tolerances
 ) -> list[str]:
     """What the arm moves and brings nearer than the margin to what was measured, per link.
 

@@ -70,10 +70,7 @@ def test_programs_keep_kernels_below_the_folder_that_is_asked_for(tmp_path):
 
 def test_where_nothing_can_be_written_kernels_go_with_the_program_and_that_is_said(tmp_path):
     (tmp_path / "file").write_text("mine")
-    said = run(
-        SAYING + PLACE,
-        XDG_CACHE_HOME=str(tmp_path / "file"),
-    )
+    said = run(SAYING + PLACE, XDG_CACHE_HOME=str(tmp_path / "file"))
     trouble, place = said.splitlines()
     assert str(tmp_path / "file") in trouble
     assert "XDG_CACHE_HOME" in trouble

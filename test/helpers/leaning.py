@@ -149,10 +149,7 @@ def situations(seed):
         LeanSituation("leaning wall", True, book(), (_floor(), _askew(draw(6.0, 10.0)))),
         LeanSituation("overhang", True, book(), (_floor(), _askew(-draw(4.0, 7.0)))),
         LeanSituation(
-            "corner",
-            True,
-            book(),
-            (*plain, box("side", (0.3, 0.25, 0.0), (0.7, 0.35, 0.5), GREY)),
+            "corner", True, book(), (*plain, box("side", (0.3, 0.25, 0.0), (0.7, 0.35, 0.5), GREY))
         ),
         LeanSituation(
             "box of cereals", True, plate((0.05, 0.07), (0.15, 0.19), (0.25, 0.3)), plain
@@ -184,11 +181,7 @@ def situations(seed):
             "headroom",
             False,
             book(),
-            (
-                _floor(),
-                _wall(height=0.13),
-                box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.13), GREY),
-            ),
+            (_floor(), _wall(height=0.13), box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.13), GREY)),
         ),
     ]
 

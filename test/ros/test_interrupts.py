@@ -119,8 +119,7 @@ def test_a_signal_that_comes_while_modules_are_loaded_ends_it(program, module, n
 
 
 @pytest.mark.parametrize(
-    ("stage", "number"),
-    [("reading", signal.SIGTERM), ("preparing", signal.SIGINT)],
+    ("stage", "number"), [("reading", signal.SIGTERM), ("preparing", signal.SIGINT)]
 )
 def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
     ended = run(

@@ -42,13 +42,7 @@ class Protrusions:
         self._tolerance = tolerance
 
     def lift(
-        self,
-        T: Array,
-        faces: Index,
-        slope: Slope,
-        planes: Array,
-        widths: Array,
-        noise: Array,
+        self, T: Array, faces: Index, slope: Slope, planes: Array, widths: Array, noise: Array
     ) -> Mask:
         """(n,) whether something lifts the object at poses (n, 4, 4) on these faces (n,).
 

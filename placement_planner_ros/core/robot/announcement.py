@@ -37,9 +37,8 @@ def _torso(robot: Robot, arm: Arm) -> list[str]:
     alone = ", ".join(joint for joint, others in moved.items() if not others)
     words = (
         f"arm {arm.name} plans with {'; '.join(shared)}: its trajectories need a controller of all "
-        f"{arm.dof} joints, often a second one beside the arm's; to leave "
-        f"{'it' if len(shared) == 1 else 'them'} where the robot stands, set "
-        f"{arm.name}.joints: [{alone}]"
+        f"{arm.dof} joints; where another one moves {'it' if len(shared) == 1 else 'them'}, set "
+        f"{arm.name}.joints: [{alone}], and {'it stays' if len(shared) == 1 else 'they stay'}"
     )
     return [words] if shared else []
 

@@ -310,13 +310,7 @@ class ObstacleSet:
             number_at=_read_only(number_at),
         )
 
-    def _with(
-        self,
-        cells: Index32,
-        lower: Array,
-        upper: Array,
-        barred: Mask | None,
-    ) -> ObstacleSet:
+    def _with(self, cells: Index32, lower: Array, upper: Array, barred: Mask | None) -> ObstacleSet:
         """A copy with further boxes in those cells (k, 3)."""
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other

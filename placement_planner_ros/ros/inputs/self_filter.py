@@ -170,12 +170,7 @@ def held_outlines(
 
 
 def outside_robot(
-    points: Array,
-    robot: Robot,
-    q: Array,
-    arms: Sequence[Arm],
-    body: Body | None,
-    padding: float,
+    points: Array, robot: Robot, q: Array, arms: Sequence[Arm], body: Body | None, padding: float
 ) -> Mask:
     """Which of the (n, 3) points are farther than `padding` metres from the robot at q (nq,), and
     from what it may hold, None for nothing."""

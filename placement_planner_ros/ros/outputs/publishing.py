@@ -109,12 +109,7 @@ class Outputs:
             self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(
-        self,
-        run: int,
-        number: int,
-        placement: Placement,
-        search_time: float,
-        snapshot: Snapshot,
+        self, run: int, number: int, placement: Placement, search_time: float, snapshot: Snapshot
     ) -> None:
         """Publish one placement, found `search_time` seconds after the run's start.
 

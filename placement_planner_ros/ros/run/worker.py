@@ -103,12 +103,7 @@ class Run:
     """
 
     def __init__(
-        self,
-        number: int,
-        snapshot: Snapshot,
-        prepare: Prepare,
-        observer: RunObserver,
-        warm: Warmth,
+        self, number: int, snapshot: Snapshot, prepare: Prepare, observer: RunObserver, warm: Warmth
     ) -> None:
         self.number = number
         self.snapshot = snapshot

@@ -141,8 +141,7 @@ def test_the_limit_is_named_where_it_leaves_no_way(glass):
 
 
 @pytest.mark.parametrize(
-    ("name", "grasp"),
-    [("five", few_joints.FROM_ASIDE), ("scara", few_joints.FROM_ABOVE)],
+    ("name", "grasp"), [("five", few_joints.FROM_ASIDE), ("scara", few_joints.FROM_ABOVE)]
 )
 def test_arms_of_few_joints_keep_both_limits(name, grasp):
     scene = few_joints.table()

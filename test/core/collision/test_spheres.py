@@ -99,11 +99,7 @@ def test_inner_balls_lie_inside_of_the_polytope_or_the_mesh(name, rng):
 
 @pytest.mark.parametrize(
     "geometry",
-    [
-        coal.Box(0.1, 0.0, 0.1),
-        coal.Sphere(0.0),
-        coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
-    ],
+    [coal.Box(0.1, 0.0, 0.1), coal.Sphere(0.0), coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)],
 )
 def test_unusable_geometry_is_refused_by_name(geometry):
     with pytest.raises(RobotError, match="link elbow"):

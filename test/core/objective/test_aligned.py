@@ -44,10 +44,7 @@ def bin_of(yaw, lid):
     return (FLOOR, *walls, board)
 
 
-SCENES = {
-    "bin": bin_of(0.3, 0.11),
-    "tin": (FLOOR, frustum("tin", (0.04, 0.04), (0.0, 0.1), GREY)),
-}
+SCENES = {"bin": bin_of(0.3, 0.11), "tin": (FLOOR, frustum("tin", (0.04, 0.04), (0.0, 0.1), GREY))}
 
 
 @functools.cache

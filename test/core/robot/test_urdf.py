@@ -66,8 +66,7 @@ def configuration(model: pin.Model, positions: dict[str, float]) -> np.ndarray:
 @pytest.mark.parametrize(("side", "degrees", "xyz", "xyzw"), FORWARD)
 def test_forward_kinematics_table(model, side, degrees, xyz, xyzw):
     q = configuration(
-        model,
-        {f"yumi_joint_{n}_{side}": np.radians(d) for n, d in zip(ARM, degrees, strict=True)},
+        model, {f"yumi_joint_{n}_{side}": np.radians(d) for n, d in zip(ARM, degrees, strict=True)}
     )
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

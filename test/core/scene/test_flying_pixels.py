@@ -83,8 +83,7 @@ def test_thin_things_stay(name, noise):
 
 
 @pytest.mark.parametrize(
-    ("name", "steep"),
-    [("stem of 8 mm", 8.0), ("bars of 5 mm", 8.0), ("wire of one pixel", 5.0)],
+    ("name", "steep"), [("stem of 8 mm", 8.0), ("bars of 5 mm", 8.0), ("wire of one pixel", 5.0)]
 )
 def test_what_is_seen_steeply_stays(name, steep):
     turned = {"wire of one pixel": lambda x, y: np.floor(y * FOCAL) == 0}

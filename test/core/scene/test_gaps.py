@@ -88,8 +88,7 @@ def test_holes_of_meshes_that_are_two_and_a_half_spacings_wide(width, gap, spaci
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
 @pytest.mark.parametrize(
-    ("diameter", "pitch", "spacing"),
-    [(0.004, 0.015, 0.003), (0.005, 0.02, 0.005)],
+    ("diameter", "pitch", "spacing"), [(0.004, 0.015, 0.003), (0.005, 0.02, 0.005)]
 )
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gaps_of_rods_that_show_a_row_of_points_each(diameter, pitch, spacing, seed, cell):

@@ -51,10 +51,7 @@ def seen(request):
     ]
     facing = DepthCamera.looking_at("camera_front_optical_frame", (1.1, 0.1, 0.9), (0.1, 0.0, 0.3))
     clouds = camera_clouds(
-        SCENE,
-        np.random.default_rng(0),
-        extra=extra,
-        cameras=(*scene_cameras(SCENE), facing),
+        SCENE, np.random.default_rng(0), extra=extra, cameras=(*scene_cameras(SCENE), facing)
     )
     body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
     return robot, arms, q, body, np.vstack([cloud.world_points() for cloud in clouds])
