@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.scene.cloud import AROUND_M, CLEAR_M
 from placement_planner_ros.core.scene.freespace import View
@@ -46,6 +47,7 @@ class Wall:
     rotation: Array
     offset: float
     extent: Array
+    _points: npt.NDArray[np.float32] = field(repr=False)
     _measured: ObstacleSet = field(repr=False)
     _views: Sequence[View] = field(repr=False)
 
@@ -89,9 +91,9 @@ class Wall:
     def support(self) -> SupportMap:
         """What was measured of it, in coordinates of `rotation`."""
         measured, (low, high) = self._measured, self.extent
-        # Points near its plane, turned so that it is level.
-        away = measured.points @ self.normal.astype(np.float32) - self.offset
-        points = measured.points[np.abs(away) < 0.5 * CLEAR_M] @ self.rotation.T.astype(np.float32)
+        # Points near its plane, turned so that it is level; BLAS would take all cores for them.
+        away = np.einsum("nj,j", self._points, self.normal.astype(np.float32)) - self.offset
+        points = self._points[np.abs(away) < 0.5 * CLEAR_M] @ self.rotation.T.astype(np.float32)
         # The cells that have points on it.
         band = np.abs(points[:, 2] - self.offset) <= 2.0 * OFF_PLANE_M + measured.noise
         size = measured.cell_size
@@ -159,7 +161,7 @@ def find_walls(
             both = []
             for side in (1.0, -1.0):
                 rotation, extent = _foot_axes(side * normal, patches.middles[rows[own]])
-                both.append(Wall(rotation, side * offset, extent, measured, tuple(views)))
+                both.append(Wall(rotation, side * offset, extent, points, measured, tuple(views)))
             # Behind a side that was seen there may be more of the wall than a sheet.
             seen = [wall for wall in both if wall.is_seen()]
             walls += seen or both
@@ -226,6 +228,6 @@ class _WallPatches:
     def in_planes(self, rows: Index, normals: Array, offsets: Array, off: float) -> Mask:
         """(k, n) which of some cubes are of planes (k, 3) and (k,), their middles no further than
         so many metres off."""
-        alike = np.abs(normals @ self.normals[rows].T) >= math.cos(ALIKE_RAD)
-        away = np.abs(normals @ self.middles[rows].T - offsets[:, None])
+        alike = np.abs(np.einsum("ki,ni", normals, self.normals[rows])) >= math.cos(ALIKE_RAD)
+        away = np.abs(np.einsum("ki,ni", normals, self.middles[rows]) - offsets[:, None])
         return np.asarray(alike & (away <= off))
