@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.explanation.explanation import SENSOR, Remedy, Search
-from placement_planner_ros.core.explanation.surfaces import slope_to_allow, steep_tilt, usual_cells
+from placement_planner_ros.core.explanation.surfaces import COARSE, FINE, too_steep, unusual_cells
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.types import Verdict
 
@@ -27,11 +27,10 @@ class ConstraintRow:
     inputs: tuple[tuple[str, str], ...]
 
 
-_COARSE, _FINE = "coarse cell_size", "fine cell_size"
-_ROOM = ("with_unknown", "collision_margin", _COARSE)
+_ROOM = ("with_unknown", "collision_margin", COARSE)
 _MARGINS = ("edge_margin", "support_margin")
 _ASKED = ("keep_out", "front", "up", "max_tilt", "required", *_MARGINS)
-_SUPPORT = (SENSOR, "max_slope", *_MARGINS, "contact_tolerance", _COARSE, _FINE, "support")
+_SUPPORT = (SENSOR, "max_slope", *_MARGINS, "contact_tolerance", COARSE, FINE, "support")
 _MORE_ROOM = ("volume", "choose one with more room beside and above what stands there")
 _GRASPS = ("grasps of arm <arm>", "give further ones, with arm and hand clear of what is there")
 _NO_RETREAT = ("require_retreat", "false, if the hand need not leave the object")
@@ -123,14 +122,9 @@ def demands(search: Search) -> dict[str, str]:
             "set it to free, or from occupied to occupied_below where what is unseen lies high, "
             f"or show more: {environment.seen:.0%} of `volume` have been seen"
         )
-    if (tilt := steep_tilt(environment)) is not None:
-        told[SENSOR] = tilt[1]
-    given = {
-        "max_slope": slope_to_allow(environment),
-        _COARSE: usual_cells(environment, finer=False),
-        _FINE: usual_cells(environment, finer=True),
-    }
-    told |= {name: words for name, words in given.items() if words is not None}
+    if (steep := too_steep(environment)) is not None:
+        told |= {each.parameter: each.words for each in steep[1] if each.parameter != "volume"}
+    told |= unusual_cells(environment)
     if len(environment.keep_out):
         told["keep_out"] = "make its boxes smaller, or leave out those in the way"
     turns = search.poses.turns

@@ -23,17 +23,15 @@ def why_no_region(environment: Environment) -> Explanation:
     """The first of these that holds: no points, none in reach, steep, above, below or
     beside V; else what a region needs."""
     if environment.points == 0:
-        own = environment.near.left_out
-        given = Remedy("environment", "give points of the surroundings")
-        if not own:
-            words = "the cloud is empty, or none of its points is finite"
-            return Explanation(f"no placement region: {words}", (given,))
-        leave = Remedy("own points", "leave out no more than the robot and what it holds")
-        words = f"all {own:,} points of the clouds are taken for those of the robot or the object"
-        return Explanation(f"no placement region: {words}", (given, leave))
+        given = [Remedy("environment", "give points of the surroundings")]
+        words = "the cloud is empty, or none of its points is finite"
+        if own := environment.near.left_out:
+            given += [Remedy("own points", "leave out no more than the robot and what it holds")]
+            words = f"all {own:,} points of the clouds are taken for the robot's or the object's"
+        return Explanation(f"no placement region: {words}", tuple(given))
     words, remedies = (
         _none_in_reach(environment)
-        or _too_steep(environment)
+        or too_steep(environment)
         or _beside_volume(environment)
         or _not_a_region(environment)
     )
@@ -73,52 +71,35 @@ def _steep_slope(environment: Environment) -> Array | None:
     return None
 
 
-def steep_tilt(environment: Environment) -> tuple[str, str] | None:
-    """That surface's slope, in words, and what to correct where it is level in truth."""
+def too_steep(environment: Environment) -> Cause | None:
+    """That most of what was measured in V is steeper than `max_slope`; None where it is not."""
     rise = _steep_slope(environment)
     if rise is None:
         return None
-    by = f"{math.degrees(steepness(rise)):.1f} degrees"
-    x, y = rise / np.hypot(*rise)
+    slope, (x, y) = steepness(rise), rise / np.hypot(*rise)
+    by = f"{math.degrees(slope):.1f} degrees"
+    remedies = [Remedy(SENSOR, f"correct the sensor's tilt by {by}, if the surface is level")]
+    if slope <= meaning_of(RegionSettings(), "max_slope").ends[1]:
+        # half as much friction again as the slope takes
+        to, friction = math.ceil(1e3 * slope) / 1e3, 1.5 * math.tan(slope)
+        words = f"raise it to {to:.3f}, if friction there is {friction:.2f} or more"
+        remedies.append(Remedy("max_slope", words))
     return (
         f"most of what was measured in `volume` slopes by {by}, rising towards x = {x:.2f}, "
         f"y = {y:.2f}; `max_slope` allows {math.degrees(environment.max_slope):.1f} degrees",
-        f"correct the sensor's tilt by {by}, if the surface is level in truth",
+        (*remedies, Remedy("volume", "choose one with a level surface, if it is not")),
     )
 
 
-def usual_cells(environment: Environment, finer: bool) -> str | None:
-    """How to change a `cell_size` that is finer, or else coarser, than usual, in words."""
+COARSE, FINE = "coarse cell_size", "fine cell_size"
+
+
+def unusual_cells(environment: Environment) -> dict[str, str]:
+    """How to change a `cell_size` that is not the usual one, in words, by `COARSE` or `FINE`."""
     size, usual = environment.measured.cell_size, GridSettings().cell_size
-    if size >= usual if finer else size <= usual:
-        return None
-    return f"{'raise' if finer else 'lower'} it: {size:g} m is set, {usual:g} m is usual"
-
-
-def slope_to_allow(environment: Environment) -> str | None:
-    """What to raise `max_slope` to, in words, where that lets that surface carry."""
-    rise = _steep_slope(environment)
-    slope = 0.0 if rise is None else steepness(rise)
-    if rise is None or slope > meaning_of(RegionSettings(), "max_slope").ends[1]:
-        return None
-    # half as much friction again as the slope takes
-    to, friction = math.ceil(1e3 * slope) / 1e3, 1.5 * math.tan(slope)
-    return f"raise it to {to:.3f}, if friction there is {friction:.2f} or more"
-
-
-def _too_steep(environment: Environment) -> Cause | None:
-    """That most of the surface in V is steeper than `max_slope`; None where it is not."""
-    tilt, allow = steep_tilt(environment), slope_to_allow(environment)
-    if tilt is None:
-        return None
-    return (
-        tilt[0],
-        (
-            Remedy(SENSOR, tilt[1]),
-            *([] if allow is None else [Remedy("max_slope", allow)]),
-            Remedy("volume", "choose one with a level surface, if it is not"),
-        ),
-    )
+    kind, change = (COARSE, "lower") if size > usual else (FINE, "raise")
+    words = f"{change} it: {size:g} m is set, {usual:g} m is usual"
+    return {} if size == usual else {kind: words}
 
 
 def _beside_volume(environment: Environment) -> Cause | None:
@@ -147,12 +128,11 @@ def _beside_volume(environment: Environment) -> Cause | None:
 def _not_a_region(environment: Environment) -> Cause:
     """What a region needs."""
     settings = RegionSettings()
-    cells = usual_cells(environment, finer=False) or usual_cells(environment, finer=True)
     return (
         f"nothing in `volume` was found to be level, measured without holes, larger than "
         f"{1e4 * settings.min_area:g} cm² and free for {settings.headroom:g} m above it",
         (
-            *([] if cells is None else [Remedy("cell_size", cells)]),
+            *(Remedy("cell_size", words) for words in unusual_cells(environment).values()),
             Remedy("volume", "choose one with a level surface in it"),
             Remedy("environment", "give a denser cloud, if it has holes there"),
             _ALIGN,
@@ -180,8 +160,8 @@ def regions_in_words(environment: Environment) -> list[str]:
     """How many regions, how large; how much of V was seen, where that is known."""
     regions = environment.regions
     words = []
-    if regions and (tilt := steep_tilt(environment)) is not None:
-        words.append(tilt[0])
+    if regions and (steep := too_steep(environment)) is not None:
+        words.append(steep[0])
     if regions:
         words.append(
             f"placement regions in `volume`: {len(regions)}, the largest {regions[0].area:.4f} m²"
