@@ -58,6 +58,8 @@ def _none_in_reach(environment: Environment) -> Cause | None:
 def _steep_slope(environment: Environment) -> Array | None:
     """(2,) the rise of a surface steeper than `max_slope` that most of what was measured in V is;
     None where there is no such."""
+    if not environment.steep:  # as mostly, and points are many
+        return None
     measured = environment.measured
     points = measured.points.astype(np.float64)
     points = points[environment.volume.contains(points)]

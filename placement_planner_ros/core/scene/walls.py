@@ -228,6 +228,7 @@ class _WallPatches:
     def in_planes(self, rows: Index, normals: Array, offsets: Array, off: float) -> Mask:
         """(k, n) which of some cubes are of planes (k, 3) and (k,), their middles no further than
         so many metres off."""
+        # in one thread, see `Wall.support`
         alike = np.abs(np.einsum("ki,ni", normals, self.normals[rows])) >= math.cos(ALIKE_RAD)
         away = np.abs(np.einsum("ki,ni", normals, self.middles[rows]) - offsets[:, None])
         return np.asarray(alike & (away <= off))
