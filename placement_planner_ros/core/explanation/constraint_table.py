@@ -49,7 +49,7 @@ TABLE = {
     ),
     Verdict.COLLIDING: ConstraintRow(
         "let the object meet something, at rest or on its way there",
-        (*_ROOM, *_ASKED),
+        (*_ROOM, "contact_tolerance", *_ASKED),
         (_MORE_ROOM,),
     ),
     Verdict.BREAKS_RULE: ConstraintRow("broke a rule", _ASKED, ()),

@@ -25,15 +25,15 @@ _FEW_SAMPLES = 500
 """Samples below which more time is the first thing to try."""
 _LONGER = "let it, or whoever stops the search, allow more time"
 _RULED = {  # what was asked for comes first
-    Ruling.BREAKS_RULE: (Verdict.BREAKS_RULE, "against a rule"),
-    Ruling.OUT_OF_REACH: (Verdict.NO_IK, "out of reach of every arm in every grasp"),
+    Ruling.BREAKS_RULE: ((Verdict.BREAKS_RULE,), "against a rule"),
+    Ruling.OUT_OF_REACH: ((Verdict.NO_IK,), "out of reach of every arm in every grasp"),
     Ruling.UNSUPPORTED: (
-        Verdict.UNSTABLE,
+        (Verdict.OUTSIDE_VOLUME, Verdict.UNSTABLE),
         "without support, or with the centre of mass outside `volume`",
     ),
-    Ruling.COLLIDING: (Verdict.COLLIDING, "in collision with what was measured there"),
+    Ruling.COLLIDING: ((Verdict.COLLIDING,), "in collision with what was measured there"),
 }
-"""The constraint that rules out cells, and what every pose in them is."""
+"""The constraints that rule out cells, and what every pose in them is."""
 
 
 def explain_search(search: Search, statistics: Statistics, rulings: Set[Ruling]) -> Explanation:
@@ -64,10 +64,7 @@ def _first_cause(search: Search, statistics: Statistics, rulings: Set[Ruling]) -
         return Explanation(cause, (Remedy(missing.parameter, missing.remedy),))
     # regions that there were before may all lie in the boxes to keep out of
     if not hierarchy.regions and len(environment.keep_out) and search.before.regions:
-        cause = (
-            "no placement region: `keep_out` covers every surface in `volume` that something "
-            "could stand on"
-        )
+        cause = "no placement region: `keep_out` covers every surface in `volume`"
         return Explanation(cause, (Remedy("keep_out", demands(search)["keep_out"]),))
     if not hierarchy.regions:
         return why_no_region(environment)
@@ -77,7 +74,7 @@ def _first_cause(search: Search, statistics: Statistics, rulings: Set[Ruling]) -
     if not hierarchy.usable:
         return _no_face_as_asked(search)
     if rulings:
-        return _nothing_left(search, rulings)
+        return _nothing_left(search, statistics, rulings)
     if statistics.samples == 0:
         cause = "no sample was tried: the run ended before the search began"
         return Explanation(cause, (Remedy("time_limit", _LONGER),))
@@ -93,15 +90,17 @@ def _no_face_as_asked(search: Search) -> Explanation:
     return Explanation(cause, tuple(Remedy(name, told[name]) for name in asked))
 
 
-def _nothing_left(search: Search, rulings: Set[Ruling]) -> Explanation:
-    """What is proven of all that the hierarchy holds."""
+def _nothing_left(search: Search, statistics: Statistics, rulings: Set[Ruling]) -> Explanation:
+    """What is proven of all that the hierarchy holds; what most samples lacked is to change."""
     ruled = [_RULED[ruling] for ruling in _RULED if ruling in rulings]
     # where some poses break a rule alone, that is what to change
     blamed = ruled[:1] if Ruling.BREAKS_RULE in rulings else ruled
+    refused = statistics.count.verdicts
+    verdicts = [verdict for of_ruling, _ in blamed for verdict in of_ruling]
     return Explanation(
         "no placement is possible: every pose on the placement regions is "
         f"{', or '.join(words for _, words in ruled)}",
-        remedies_for(search, *(verdict for verdict, _ in blamed)),
+        remedies_for(search, *sorted(verdicts, key=lambda each: -refused.get(each, 0))),
     )
 
 
@@ -129,15 +128,14 @@ def _all_refused(search: Search, statistics: Statistics) -> Explanation:
             # of two that let nothing pass, the one that more came to
             passed[verdict] = max(left - refused, 0.5) / (left + 1.0), refused, left
             left -= refused
-    verdict = min(passed, key=lambda each: passed[each][0])
-    _, refused, entered = passed[verdict]
+    verdict, (_, refused, entered) = min(passed.items(), key=lambda each: each[1])
     before = " that passed what is checked before" if entered < count.samples else ""
-    remedies = remedies_for(search, verdict)
+    # the last one let none of the rest pass
+    remedies = remedies_for(search, verdict, next(reversed(passed)))
     # few samples say little of what a longer search would find
-    if count.samples < _FEW_SAMPLES:
-        remedies = (Remedy("time_limit", _LONGER), *remedies)
+    longer = (Remedy("time_limit", _LONGER),) if count.samples < _FEW_SAMPLES else ()
     return Explanation(
         f"in {count.samples:,} samples no placement was found: {refused:,} of {entered:,}{before} "
         f"{TABLE[verdict].did}",
-        remedies,
+        (*longer, *remedies),
     )

@@ -162,9 +162,9 @@ def regions_in_words(environment: Environment) -> list[str]:
     """How many regions, how large; how much of V was seen, where that is known."""
     regions = environment.regions
     words = []
-    if regions and (steep := too_steep(environment)) is not None:
-        words.append(steep[0])
     if regions:
+        steep = too_steep(environment)
+        words += [] if steep is None else [steep[0]]
         words.append(
             f"placement regions in `volume`: {len(regions)}, the largest {regions[0].area:.4f} m²"
         )
