@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from placement_planner_ros.core.search.cell_layout import CELL, Cells
+from placement_planner_ros.core.search.cell_layout import CELL, MAX_CELLS, Cells
 from placement_planner_ros.core.types import Array, Index, Verdict
 
 NOT_FREE, COLLIDING, LACKING, VALUED, UNREACHED, REACHED = KIND_NUMBERS = range(6)
@@ -68,7 +68,7 @@ class ImprovementModel:
         self._spread = 0.5 ** np.arange(DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        self._nodes = np.full(faces, np.array((-1, 0.0), dtype=_NODE))
+        self._nodes, self._made = np.full(MAX_CELLS, np.array((-1, 0.0), dtype=_NODE)), faces
 
     @property
     def mean(self) -> float:
@@ -77,10 +77,12 @@ class ImprovementModel:
 
     def add_nodes(self, above: Index) -> Index:
         """The numbers of new nodes below these, of which the same is expected."""
-        new = np.zeros(len(above), dtype=_NODE)
-        new["above"] = above
-        self._nodes = np.concatenate([self._nodes, new])
-        return np.arange(len(self._nodes) - len(new), len(self._nodes))
+        numbers = np.arange(self._made, self._made + len(above))
+        self._made += len(above)
+        while self._made > len(self._nodes):
+            self._nodes = np.concatenate([self._nodes, np.zeros_like(self._nodes)])
+        self._nodes["above"][numbers] = above
+        return numbers
 
     def chances(self, cells: Cells) -> Array:
         """(n,) the share of tries that reach their pose, of what is known of cells (n,).
