@@ -95,16 +95,16 @@ class Wall:
         # Points near its plane, turned so that it is level; BLAS would take all cores for them.
         away = np.einsum("nj,j", self._points, self.normal.astype(np.float32)) - self.offset
         points = self._points[np.abs(away) < 0.5 * CLEAR_M] @ self.rotation.T.astype(np.float32)
-        points = points[within(points[:, :2], low - 2.0 * TILE_M, high + 2.0 * TILE_M)]
+        corner = (low - 2.0 * TILE_M).astype(np.float32)
+        points = points[within(points[:, :2], corner, high + 2.0 * TILE_M)]
         # The cells that have points on it.
         band = np.abs(points[:, 2] - self.offset) <= 2.0 * OFF_PLANE_M + measured.noise
         size = measured.cell_size
-        cells = np.floor(points[band, :2] / size).astype(np.int64)
-        first = cells.min(axis=0, initial=0)
-        held = np.zeros(cells.max(axis=0, initial=0) - first + 1, np.bool_)
-        held[tuple((cells - first).T)] = True
-        cells = np.argwhere(held) + first
-        tops = np.column_stack([(cells + 0.5) * size, np.full(len(cells), self.offset)])
+        cells = ((points[band, :2] - corner) / size).astype(np.int64)
+        held = np.zeros(cells.max(axis=0, initial=0) + 1, np.bool_)
+        held[tuple(cells.T)] = True
+        middles = corner + (np.argwhere(held) + 0.5) * size
+        tops = np.column_stack([middles, np.full(len(middles), self.offset)])
         turned = [View(v.points @ self.rotation.T, self.rotation @ v.origin) for v in self._views]
         around = TargetVolume([*low, self.offset - 1.0], [*high, self.offset + 1.0])
         cloud = SlopeCloud(points, around, LEVEL, tops, size, measured.noise, turned)

@@ -68,7 +68,9 @@ class ImprovementModel:
         self._spread = 0.5 ** np.arange(DEEPEST + 1.0)
         self._sum = 0.0
         self._lacks, self._lack = 0, 0.0
-        self._nodes, self._made = np.full(MAX_CELLS, np.array((-1, 0.0), dtype=_NODE)), faces
+        # Those made so far, and room for more.
+        self._made = faces
+        self._nodes = np.full(faces + MAX_CELLS, np.array((-1, 0.0), dtype=_NODE))
 
     @property
     def mean(self) -> float:
