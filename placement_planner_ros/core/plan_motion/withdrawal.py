@@ -22,6 +22,10 @@ _TRIED_DIRECTIONS = 40
 """Directions that a tree tries in one call."""
 _SMALLEST_STEP = 0.03
 """Of the step between waypoints, the smallest of a winding way: a millimetre."""
+_SPREAD_SHARE = 0.3
+"""Of the directions, those from the node that is nearest to a random pose."""
+_SPREAD_M = 0.1
+"""Standard deviation of such a pose from that of a node, at most."""
 
 
 def straight_way(holding: Holding, q: Array) -> Array:
@@ -49,8 +53,9 @@ def straight_way(holding: Holding, q: Array) -> Array:
 class WindingTree:
     """Free ways from branch[0] on that get the object further out than `branch` does.
 
-    An expansive tree in the space of object poses: its nodes move in random directions, inwards
-    rather than outwards, turning or not, half of the time from the node that is furthest out.
+    An RRT in the space of object poses: its nodes move in random directions, inwards rather than
+    outwards, turning or not, from the node that is furthest out or from the one nearest to a random
+    pose, so that it spreads to where it has not been.
 
     Args:
         branch: (m, dof) a free way from the goal on, which the tree begins with.
@@ -60,15 +65,14 @@ class WindingTree:
         self._holding = holding
         self._nodes = list(branch)
         self._parents = list(range(-1, len(branch) - 1))
-        self._goal = holding.object_pose(branch[0])
-        inwards = _inward_direction(holding, self._goal)
+        inwards = _inward_direction(holding, holding.object_pose(branch[0]))
         self._inwards = inwards / max(float(np.linalg.norm(inwards)), 1e-6)
+        # How far what is furthest from the object's origin is from there.
+        self._size = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
+        self._places = [self._place(q) for q in branch]
         # The end of the known way is the furthest out so far.
         self._best = len(branch) - 1
-        self._out = self._distance(branch[-1])
-        # A turn by which what is furthest from the object's origin moves as far as waypoints do.
-        furthest = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
-        self._most_turned = _WAYPOINT_STEP_M / furthest
+        self._out = self._distance(self._best)
 
     def grow(
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
@@ -83,11 +87,16 @@ class WindingTree:
         """
         nodes, begun = self._nodes, self._out
         run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
+        places = np.array(self._places)
         for _ in range(_TRIED_DIRECTIONS):
             if self._out >= _DRAWN_OUT_M or should_stop():
                 break
-            # From the node that is furthest out, or from any.
-            last = self._best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
+            # From the node that is furthest out, or from the one nearest to a place beside another.
+            last = self._best
+            if rng.random() < _SPREAD_SHARE:
+                aside = rng.random() * _SPREAD_M * rng.standard_normal(places.shape[1])
+                aim = places[rng.integers(len(places))] + aside
+                last = int(((places - aim) ** 2).sum(axis=1).argmin())
             # A direction, inwards rather than outwards, and half of the time a turn; of all sizes,
             # as pockets are left in steps of millimetres.
             direction = rng.standard_normal(3) + self._inwards
@@ -95,7 +104,8 @@ class WindingTree:
             direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
             turn = np.eye(3)
             if rng.random() < 0.5:
-                vector = size * self._most_turned * rng.standard_normal(3)
+                # by which what is furthest from the origin moves as far as waypoints do
+                vector = size * _WAYPOINT_STEP_M / self._size * rng.standard_normal(3)
                 if self._holding.upright is not None:
                     vector[:2] = 0.0  # about the vertical, which tilts nothing
                 turn = pin.exp3(vector)
@@ -104,8 +114,9 @@ class WindingTree:
                 self._parents.append(last)
                 last = len(nodes)
                 nodes.append(q)
+                self._places.append(self._place(q))
             # Whether it has come further out than all others.
-            reached = self._distance(nodes[last])
+            reached = self._distance(last)
             if reached > self._out:
                 self._best, self._out = last, reached
         return None if self._out <= begun else self._way()
@@ -118,10 +129,14 @@ class WindingTree:
             node = self._parents[node]
         return np.array(way[::-1])
 
-    def _distance(self, q: Array) -> float:
-        """Of the object's origin at `q` from where it is at the goal, metres."""
-        moved = self._holding.object_pose(q).translation - self._goal.translation
-        return float(np.linalg.norm(moved))
+    def _place(self, q: Array) -> Array:
+        """(12,) m, where the object is at `q`: its origin, and its axes, as long as it is large."""
+        T = self._holding.object_pose(q)
+        return np.concatenate([T.translation, self._size * T.rotation.ravel()])
+
+    def _distance(self, node: int) -> float:
+        """Of the object's origin at a node from where it is at the goal, metres."""
+        return float(np.linalg.norm(self._places[node][:3] - self._places[0][:3]))
 
 
 def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
