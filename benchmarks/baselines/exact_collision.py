@@ -133,9 +133,9 @@ class ExactCollision:
         """`free` for (n, dof) configurations, one after the other."""
         return np.array([self.free(q, reserve, contact) for q in Q], dtype=np.bool_)
 
-    def hand_collides(self, *_: object, **__: object) -> bool:
-        """As `ArmCollision.hand_collides`: coal alone has no such check."""
-        return False
+    def hands_free(self, T: Array, *_: object, **__: object) -> npt.NDArray[np.bool_]:
+        """As `ArmCollision.hands_free`: coal alone has no such check."""
+        return np.ones(len(T), dtype=np.bool_)
 
     def ties(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether the distance at q (dof,) is within `TIE` of a margin."""

@@ -29,7 +29,7 @@ from placement_planner_ros.core.collision.attached_object import (
     object_solids,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.configurations import check_states, hand_keeps
+from placement_planner_ros.core.collision.configurations import check_hands, check_states
 from placement_planner_ros.core.collision.edges import EdgeLimits, JointEdge, check_edge
 from placement_planner_ros.core.collision.pair_tables import with_pair_tables
 from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
@@ -217,10 +217,10 @@ class ArmCollision:
             _require_finite(Q)
         return answers
 
-    def hand_collides(
+    def hands_free(
         self, T_world_tip: Array, slack: float, reserve: float = 0.0, contact: bool = False
-    ) -> bool:
-        """Whether it is certain that no configuration with the tip at (4, 4) is free.
+    ) -> Mask:
+        """(n,) False where it is certain that no configuration with the tip at (n, 4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest.
 
@@ -231,8 +231,10 @@ class ArmCollision:
         # The margins, less what inverse kinematics may miss.
         margin, self_margin, _ = self._margins(reserve, contact)
         kept = KeptMargins(margin - slack, self_margin - slack, contact)
-        self._scratch.frames[self._dof - 1] = T_world_tip @ self._T_tip_joint
-        return not hand_keeps(self._flat.arrays, self._boxes, self._scratch, kept)
+        answers = np.empty(len(T_world_tip), dtype=np.bool_)
+        T = kernel_input(T_world_tip @ self._T_tip_joint)
+        check_hands(self._flat.arrays, self._boxes, self._scratch, T, kept, answers)
+        return answers
 
     def edge_free(
         self,

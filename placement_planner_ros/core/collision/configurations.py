@@ -58,25 +58,38 @@ def check_states(
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
-def hand_keeps(arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, kept: KeptMargins) -> bool:
-    """Whether what the last joint carries keeps the margins, that joint's frame being placed."""
-    # Whatever was placed before is outdated.
-    scratch.counters[0] += 1
-    scratch.motion[:] = 0.0
-    # The bodies that the joint carries, which are the first, against the obstacle set.
-    last, count = len(arm.prismatic) - 1, 0
-    while count < arm.moving and arm.bodies[count, at.BODY_JOINT] == last:
-        scratch.asked[count] = count
-        count += 1
-    carried = count
-    place_spheres(arm, scratch, carried)
-    if not bodies_keep_boxes(arm, boxes, scratch, carried, kept):
-        return False
-    # Pairs of one of them and a body that nothing moves, wherever joints are.
-    scratch.edge[2, :] = np.inf
-    for pair in range(arm.pairs.shape[0]):
-        inner, outer = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
-        if inner >= arm.moving and outer < carried:
-            scratch.asked[count] = arm.moving + pair
+def check_hands(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
+    T: Array,
+    kept: KeptMargins,
+    answers: Mask,
+) -> None:
+    """Whether what the last joint carries keeps the margins with that joint at each of T (m, 4, 4);
+    `answers` (m,) is filled."""
+    last = len(arm.prismatic) - 1
+    for i in range(T.shape[0]):
+        # Whatever was placed before is outdated.
+        for row in range(3):
+            for column in range(4):
+                scratch.frames[last, row, column] = T[i, row, column]
+        scratch.counters[0] += 1
+        scratch.motion[:] = 0.0
+        # The bodies that the joint carries, which are the first, against the obstacle set.
+        count = 0
+        while count < arm.moving and arm.bodies[count, at.BODY_JOINT] == last:
+            scratch.asked[count] = count
             count += 1
-    return pairs_keep(arm, scratch, count, kept.self_margin)
+        carried = count
+        place_spheres(arm, scratch, carried)
+        answers[i] = bodies_keep_boxes(arm, boxes, scratch, carried, kept)
+        if answers[i]:
+            # Pairs of one of them and a body that nothing moves, wherever joints are.
+            scratch.edge[2, :] = np.inf
+            for pair in range(arm.pairs.shape[0]):
+                inner, outer = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
+                if inner >= arm.moving and outer < carried:
+                    scratch.asked[count] = arm.moving + pair
+                    count += 1
+            answers[i] = pairs_keep(arm, scratch, count, kept.self_margin)

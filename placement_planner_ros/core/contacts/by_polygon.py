@@ -90,12 +90,7 @@ class PolygonSupport:
         return stable
 
     def _firm(
-        self,
-        points: list[Array],
-        T: Array,
-        faces: Index,
-        slope: Slope,
-        added: float,
+        self, points: list[Array], T: Array, faces: Index, slope: Slope, added: float
     ) -> Mask:
         """(n,) whether those of the contact points that are supported carry the object.
 
@@ -165,13 +160,7 @@ class PolygonSupport:
 
 @njit(cache=True, nogil=True)
 def _firm_support(
-    points: Array,
-    gaps: Array,
-    ups: Array,
-    height: float,
-    margin: float,
-    noise: Array,
-    added: float,
+    points: Array, gaps: Array, ups: Array, height: float, margin: float, noise: Array, added: float
 ) -> tuple[Array, Array]:
     """Whether the supported points carry the object so that it stays, and how their plane lies.
 

@@ -27,7 +27,7 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import lacks_directions
 from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, Contact, Verdict
+from placement_planner_ros.core.types import Array, Contact, Index, Verdict
 
 _PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
@@ -115,6 +115,20 @@ class Holding:
         """O(q)."""
         return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
 
+    def first_verdicts(self, T_world_object: Array) -> Index:
+        """(n,) what the tip alone decides at object poses (n, 4, 4), before any inverse kinematics:
+        NO_IK where the arm is too short, ARM_COLLIDING where its hand is not free, or FEASIBLE."""
+        if self.any_turn is not None:
+            return np.full(len(T_world_object), Verdict.FEASIBLE)
+        T_world_tip = T_world_object @ self._T_object_tip.homogeneous
+        verdicts = np.where(self._ik.reachable(T_world_tip), Verdict.ARM_COLLIDING, Verdict.NO_IK)
+        near = np.flatnonzero(verdicts == Verdict.ARM_COLLIDING)
+        free = self.collision.hands_free(
+            T_world_tip[near], self.tip_slack, self._reserve, contact=True
+        )
+        verdicts[near[free]] = Verdict.FEASIBLE
+        return verdicts
+
     def configurations(
         self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator
     ) -> Array | Verdict:
@@ -129,12 +143,7 @@ class Holding:
         Returns:
             k >= 1 configurations, or the verdict that names why there are none.
         """
-        # What the tip's pose alone decides: the reach, and the hand's own collisions.
         T_world_tip = self.tip_pose(T_world_object)
-        if not self._ik.reachable(T_world_tip):
-            return Verdict.NO_IK
-        if self.collision.hand_collides(T_world_tip, self.tip_slack, self._reserve, contact=True):
-            return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]
         # A few seeds first, q_0 among them, then the rest.
@@ -265,9 +274,9 @@ class Holding:
                 break
             upward += way
             below = height
-            # It counts once it is long enough and free without contact.
+            # It counts once it is long enough, and can be left without contact.
             enough = height >= settings.approach_minimum - 1e-9
-            if enough and self.collision.free(upward[-1], self._reserve):
+            if enough and self.can_be_left(upward[-1]):
                 raised = list(upward)
         return np.array(raised[::-1]) if raised else None
 

@@ -15,7 +15,7 @@ from placement_planner_ros.core.reach import ik_kernels, self_motion
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, kernel_input
+from placement_planner_ros.core.types import Array, Mask, kernel_input
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class InverseKinematics:
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
 
-    def reachable(self, T_world_tip: Array) -> bool:
-        """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""
-        return bool(self._reach.within(T_world_tip, self._slack))
+    def reachable(self, T_world_tip: Array) -> Mask:
+        """False where poses (..., 4, 4) are further away than the arm is long: no q reaches."""
+        return self._reach.within(T_world_tip, self._slack)
 
     def solve(self, T_world_tip: Array, seeds: Array) -> Array:
         """Distinct solutions (k, dof) for a pose (4, 4) from seeds (s, dof), in seed order.

@@ -21,7 +21,7 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.search.sampler import Draws, Outcome, TryOrder, as_drawn
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array, Contact, Goal, Verdict
+from placement_planner_ros.core.types import Array, Contact, Goal, Index, Verdict
 
 _ASKED_AT_ONCE = 64
 """Poses whose objective is asked for together; in between it is looked whether anybody waits."""
@@ -61,7 +61,7 @@ class GoalFinder:
         self._poses = poses
         self.holdings = tuple(holding for of_arm in holdings for holding in of_arm)
         ends = np.cumsum([len(of_arm) for of_arm in holdings])
-        self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
+        self._first = ends - [len(of_arm) for of_arm in holdings]
         self._objective = objective
         # asked once: to tell takes as long as a batch of values
         self._bounded = objective if isinstance(objective, BoundedObjective) else None
@@ -91,10 +91,16 @@ class GoalFinder:
                 step("asking the objective")
                 values[rows] = self._values(T[rows], best)
         verdicts[free] = Verdict.NOT_BETTER
+        # What the tip alone decides, with each arm and grasp.
+        firsts = self._first_verdicts(draws, free, T)
+        usable = (firsts == Verdict.FEASIBLE).any(axis=1)
         # Those that would be better are to be reached.
+        better = free[values[free] > best]
+        blocked = better[~usable[better]]
+        verdicts[blocked] = firsts[blocked].max(axis=1)
         found: list[Goal] = []
-        outcome = Outcome(verdicts, values, found)
-        for row in order(free[values[free] > best], outcome, best):
+        outcome = Outcome(verdicts, values, usable, found)
+        for row in order(better[usable[better]], outcome, best):
             if should_stop():
                 break
             if self._estimated:
@@ -102,7 +108,7 @@ class GoalFinder:
                 if values[row] <= best:
                     continue
             wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))
-            reached = self._reach_any(draws, row, wanted, best, should_stop)
+            reached = self._reach_any(firsts[row], wanted, best, should_stop)
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
                 if reached <= Verdict.NOT_BETTER:  # turned as the arm can
@@ -123,18 +129,25 @@ class GoalFinder:
             return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T))
         return estimate_batch(self._objective, T)
 
+    def _first_verdicts(self, draws: Draws, rows: Index, T: Array) -> Index:
+        """(n, h) `Holding.first_verdicts` of these rows of the poses T (n, 4, 4); OUTSIDE_VOLUME of
+        others, and of arms and grasps other than the one drawn."""
+        firsts = np.full((len(T), len(self.holdings)), Verdict.OUTSIDE_VOLUME)
+        arm = draws.arm[rows]
+        drawn = np.where(arm < 0, -1, self._first[arm] + draws.grasp[rows])
+        for k, holding in enumerate(self.holdings if len(rows) else ()):
+            asked = rows[(drawn < 0) | (drawn == k)]
+            firsts[asked, k] = holding.first_verdicts(T[asked])
+        return firsts
+
     def _reach_any(
-        self, draws: Draws, row: int, wanted: Wanted, best: float, should_stop: Callable[[], bool]
+        self, firsts: Index, wanted: Wanted, best: float, should_stop: Callable[[], bool]
     ) -> Goal | Verdict:
-        """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
-        # The arm and grasp that were drawn, or all in random order.
-        if draws.arm[row] >= 0:
-            candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
-        else:
-            candidates = self._rng.permutation(len(self.holdings)).tolist()
-        # One after the other; the first goal ends it.
-        furthest = Verdict.OUTSIDE_VOLUME
-        for k in candidates:
+        """A goal with the first arm and grasp that can, in random order, of those that may by their
+        first verdicts (h,)."""
+        may = firsts == Verdict.FEASIBLE
+        furthest = Verdict(firsts[~may].max(initial=Verdict.OUTSIDE_VOLUME))
+        for k in self._rng.permutation(np.flatnonzero(may)).tolist():
             for goal in self._tries(self.holdings[k], wanted, best):
                 if not isinstance(goal, Verdict):
                     return goal

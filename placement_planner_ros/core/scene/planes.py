@@ -160,11 +160,7 @@ class Planes:
 
 @njit(cache=True, nogil=True)
 def _level_beside(
-    boxes: ObstacleArrays,
-    height: Array,
-    used: Mask,
-    tolerance: float,
-    rise: float,
+    boxes: ObstacleArrays, height: Array, used: Mask, tolerance: float, rise: float
 ) -> Index:
     """(m,) in how many of the eight columns around each box another is about as high; 0 of those
     not used, and where it goes on up on one side and down on the other.
@@ -371,12 +367,7 @@ def _local_fits(boxes: ObstacleArrays, means: Array, used: Mask, tolerance: floa
 
 @njit(cache=True, nogil=True)
 def _grow_planes(
-    boxes: ObstacleArrays,
-    means: Array,
-    used: Mask,
-    fits: Array,
-    order: Index,
-    tolerance: float,
+    boxes: ObstacleArrays, means: Array, used: Mask, fits: Array, order: Index, tolerance: float
 ) -> tuple[Index, Array, Index]:
     """(m,) the plane that each box lies in, or -1; of each plane the second moments (k, 4, 4) of
     (1, x, y, z) about the box (k,) that it began with, and that.

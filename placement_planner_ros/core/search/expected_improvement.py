@@ -12,11 +12,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from placement_planner_ros.core.search.cell_layout import CELL, MAX_CELLS, Cells
+from placement_planner_ros.core.search.sampler import Outcome
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-NOT_FREE, COLLIDING, LACKING, VALUED, UNREACHED, REACHED = KIND_NUMBERS = range(6)
+NOT_FREE, COLLIDING, LACKING, BLOCKED, VALUED, UNREACHED, REACHED = KIND_NUMBERS = range(7)
 """What the sample of a cell was: outside or unsupported; in collision; against a rule; free, so
-that its ξ is known; such a one that was better, but not reached; and a goal."""
+that its ξ is known, but not so any hand; with a hand; such a one that was better, but not reached;
+and a goal."""
 KINDS = np.full(len(Verdict), UNREACHED)
 """By verdict."""
 KINDS[: Verdict.COLLIDING] = NOT_FREE
@@ -43,8 +45,8 @@ _TRIES = 2.0
 """Tries, or samples, that what was to be expected before counts as."""
 _TRIES_OF_PART = 4.0
 """Tries in one part of a cell, at most, that count in the whole."""
-TRY_SAMPLES = 20
-"""Samples whose checks take as long as a try that fails with all arms and grasps: 0.1 and 2 ms."""
+TRY_SAMPLES = 50
+"""Samples whose checks take as long as a try that fails with all that may: 0.1 and 5 ms."""
 _PLACEMENT_SAMPLES = 2000
 """Samples whose checks take as long as what follows a goal: motion, OptimizeLocally, timing."""
 DEEPEST = 30
@@ -117,15 +119,16 @@ class ImprovementModel:
             # One level up.
             number = int(self._nodes["above"][number])
 
-    def learn(self, cells: Cells, verdicts: Index, values: Array) -> None:
+    def learn(self, cells: Cells, outcome: Outcome) -> None:
         """Learn from the samples of cells (n,), and write into these what is known after them."""
-        kinds = KINDS[verdicts]
+        values, kinds = outcome.values, KINDS[outcome.verdicts]
+        kinds[(kinds >= VALUED) & ~outcome.usable] = BLOCKED
         depths = cells["depth"]
         of = depths, cells["kind"]
-        valued = kinds >= VALUED
-        # How many were free.
+        valued = kinds >= BLOCKED
+        # How many were free, with a hand.
         np.add.at(self._drawn, of, 1.0)
-        np.add.at(self._free, of, valued)
+        np.add.at(self._free, of, kinds >= VALUED)
         # How far a value is from that of the cell above; a coarse cell's, from the mean.
         whole = valued & (depths == 0)
         self._sum += float(values[whole].sum())

@@ -8,7 +8,7 @@ intervals of the angle.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,28 +117,21 @@ class AfrHierarchy:
     def child(self, node: AfrNode, index: int) -> AfrNode:
         """One of Ch(n), 0 ≤ index < child_count."""
         if node.arm is None:
-            return AfrNode(self._arms[index])
+            return replace(node, arm=self._arms[index])
         if node.grasp is None:
-            return AfrNode(node.arm, index)
+            return replace(node, grasp=index)
         if node.face is None:
-            return AfrNode(node.arm, node.grasp, self.usable[index])
+            return replace(node, face=self.usable[index])
         if node.region is None:
             row = self._rows[node.face][index]
-            region, ends = self.regions[self.sets.region[row]], (self.sets.low, self.sets.high)
-            return AfrNode(
-                node.arm, node.grasp, node.face, region, *(float(e[row, 2]) for e in ends)
-            )
-        pieces = self._pieces(node)
+            region, low, high = self.regions[self.sets.region[row]], self.sets.low, self.sets.high
+            return replace(node, region=region, angle_min=low[row, 2], angle_max=high[row, 2])
         # Which part of the region, and which interval of the angle.
+        pieces = self._pieces(node)
         part, piece = divmod(index, pieces)
-        length = (node.angle_max - node.angle_min) / pieces
-        return AfrNode(
-            node.arm,
-            node.grasp,
-            node.face,
-            self._parts(node.region)[part],
-            node.angle_min + piece * length,
-            node.angle_max if piece == pieces - 1 else node.angle_min + (piece + 1) * length,
+        ends = np.linspace(node.angle_min, node.angle_max, pieces + 1)[piece : piece + 2]
+        return replace(
+            node, region=self._parts(node.region)[part], angle_min=ends[0], angle_max=ends[1]
         )
 
     def _parts(self, region: Region) -> tuple[Region, ...]:

@@ -45,10 +45,13 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-_EVEN_AT_ONCE = 256
-"""Uniform poses whose cells are bounded together: 8 ms; then it is looked whether anybody waits."""
+_SAMPLES_PER_CELL = 1000
+"""Samples so far for each of the cells that are split together: the more there were, the less any
+one more would change."""
+_MOST_AT_ONCE = 200
+"""Such cells at most: their parts take 50 ms."""
 _REDRAWS = 16
-"""Times that these are drawn anew where few can be better."""
+"""Times that uniform poses are drawn anew where few can be better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +111,7 @@ class OptimisticSampler(BatchSampler):
         self._waiting: list[tuple[float, np.void]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
-        # the cells that poses were drawn from last, and these as x, y, θ
-        self._drawn, self._places = self._filed[:0], np.empty((0, 3))
-        # for this ξ_best: cells and poses kept of uniform ones, but not used yet; and the pose sets
-        # in which something better was free, but is not reached
-        self._drawn_for, self._left = -np.inf, (self._drawn, np.empty((0, 3)))
-        self._hopeful = np.zeros(len(self._sets), np.bool_)
+        self._drawn = self._filed[:0]  # the cells that poses were drawn from last
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first, and
@@ -123,8 +121,6 @@ class OptimisticSampler(BatchSampler):
         for _, cell in (each for each in self._waiting if each[0] <= best):
             self._model.count_try(cell, 0.0, 1.0)
         self._waiting = [each for each in self._waiting if each[0] > best]
-        if best != self._drawn_for:
-            self._drawn_for, self._left, self._hopeful[:] = best, self._coarse(0), False
         share = self._settings.uniform_share
         left = self._settings.uniform_first - self.count.samples
         early = left > 0 or (best == -np.inf and self._waiting)
@@ -133,48 +129,36 @@ class OptimisticSampler(BatchSampler):
         # grading is one batch.
         count = self._budget.batch if best == -np.inf else max(self._budget.batch, left)
         if len(parts):
-            count = max(1, round(len(parts) * share / (1.0 - share)))
+            most = max(len(parts), self._at_once)
+            count = max(1, round(most * share / (1.0 - share)))
         # A pose in each part, and the coarse cells of uniform ones.
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
         self._drawn = np.concatenate([parts, coarse])
-        self._places = np.concatenate([within, drawn])
-        return self._sets.draws(self._drawn["set"], self._places)
+        return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
 
     def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
-        """What promises most for its cost first; as drawn until something is found, and while goals
-        wait for their motion: then whatever is easier to reach is welcome."""
-        cells, first = self._drawn, 0
-        # Once something is found tries take no longer than samples; what is left is filed.
-        tries = 1 + len(cells) // TRY_SAMPLES if best > -np.inf else len(rows)
-        for _ in range(min(tries, len(rows))):
-            if not self._waiting:
-                promise = self._model.promise_of_tries(cells[rows], outcome.values[rows], best)
-                first = int(promise.argmax())
-            row, rows = int(rows[first]), np.delete(rows, first)
-            yield row
-            # A try that failed makes others nearby promise less.
-            if Verdict.NOT_BETTER < outcome.verdicts[row] < Verdict.FEASIBLE:
-                self._model.count_try(cells[row], 1.0, 0.0)
+        """As drawn until something is found; then what promises most for its cost first."""
+        if best > -np.inf:
+            promise = self._model.promise_of_tries(self._drawn[rows], outcome.values[rows], best)
+            # Tries take no longer than samples; what is left is filed.
+            tries = 1 + len(self._drawn) // TRY_SAMPLES
+            rows = rows[np.argsort(-promise, kind="stable")[:tries]]
+        yield from rows.tolist()
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was."""
         cells, verdicts = self._drawn, outcome.verdicts
-        for row in np.flatnonzero(verdicts == Verdict.FEASIBLE).tolist():
+        # A try that fails makes others nearby promise less.
+        for row in np.flatnonzero(outcome.usable & (verdicts > Verdict.NOT_BETTER)).tolist():
             self._model.count_try(cells[row], 1.0, 0.0)
-            self._waiting.append((float(outcome.values[row]), cells[row].copy()))
-        self._model.learn(cells, verdicts, outcome.values)
-        # A cell too small to be split is split nevertheless if what is better there is not reached.
-        missed = (outcome.values > best) & (verdicts >= Verdict.NOT_BETTER)
-        missed &= verdicts < Verdict.FEASIBLE
-        self._hopeful[cells["set"][missed]] = best > -np.inf
-        # Of a coarse cell that was split before it is the part in which the sample lies.
-        again = missed & self._split[cells["coarse"]]
-        half = 0.5 * (cells["high"] - cells["low"])[again]
-        low = cells["low"][again]
-        low += half * (self._places[again] >= low + half)
-        cells["low"][again], cells["high"][again] = low, low + half
-        cells["coarse"][again], cells["depth"][again], cells["scale"][again] = -1, 1, 1
+            if verdicts[row] == Verdict.FEASIBLE:
+                self._waiting.append((float(outcome.values[row]), cells[row].copy()))
+        self._model.learn(cells, outcome)
+        # A cell too small to be split is split nevertheless if what is better there is not reached,
+        # and a coarse one that was split is split again.
+        missed = outcome.usable & (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
+        cells["coarse"][missed] = -1
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
@@ -184,15 +168,13 @@ class OptimisticSampler(BatchSampler):
         if best == -np.inf or bounds is None or not bounds.bounded:
             cells, poses = self._coarse(count)
             return self._as_nodes(cells), poses
-        # What the last draws left, and more.
-        cells, poses = self._left
+        cells, poses = self._coarse(0)
         for _ in range(_REDRAWS):
             if len(cells) >= count:
                 break
-            more = self._kept(*self._coarse(_EVEN_AT_ONCE), best, bounds)
+            more = self._kept(*self._coarse(4 * count), best, bounds)
             cells, poses = (np.concatenate(both) for both in zip((cells, poses), more, strict=True))
         cells, poses = (cells, poses) if len(cells) else self._coarse(count)
-        self._left = cells[count:], poses[count:]
         return self._as_nodes(cells[:count]), poses[:count]
 
     def _kept(self, cells: Cells, poses: Array, best: float, by: CellBounds) -> tuple[Cells, Array]:
@@ -208,7 +190,7 @@ class OptimisticSampler(BatchSampler):
 
     def _coarse(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
-        sets, poses = self._uniform.draw(count, np.flatnonzero(self._hopeful))
+        sets, poses = self._uniform.draw(count)
         # The coarse cell that each pose lies in.
         low, high = self._sets.low[sets], self._sets.high[sets]
         steps = np.array(self._shape[1:])
@@ -249,6 +231,11 @@ class OptimisticSampler(BatchSampler):
         is_open[rows] = True
         return np.asarray(parts[is_open])
 
+    @property
+    def _at_once(self) -> int:
+        """Cells that are split together."""
+        return min(max(CELLS_AT_ONCE, self.count.samples // _SAMPLES_PER_CELL), _MOST_AT_ONCE)
+
     def _take(self, best: float) -> Cells:
         """Remove the most promising cells (n,) from those that are filed; each is a node now."""
         # Rank anew where something was placed, or the samples have doubled.
@@ -256,12 +243,16 @@ class OptimisticSampler(BatchSampler):
             self._ranked_for, self._ranked_at = best, self.count.samples
             self._rank(np.flatnonzero(self._worth >= 0.0))
         # The most promising, by what is known of them now.
-        rows = np.argpartition(-self._worth, 2 * CELLS_AT_ONCE)[: 2 * CELLS_AT_ONCE]
+        at_once = self._at_once
+        rows = np.argpartition(-self._worth, 2 * at_once)[: 2 * at_once]
         rows = rows[self._worth[rows] > 0.0]
         self._rank(rows)
+        # Where nothing is left, coarse cells may be split once more, for other samples.
+        if not len(rows):
+            self._split[:] = False
         taken: list[int] = []
         for row in rows[np.argsort(-self._worth[rows], kind="stable")].tolist():
-            if len(taken) == CELLS_AT_ONCE:
+            if len(taken) == at_once:
                 break
             self._worth[row] = -1.0
             # A coarse cell is filed as often as it was graded, and split once only.

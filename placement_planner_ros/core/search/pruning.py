@@ -21,7 +21,7 @@ from placement_planner_ros.core.types import Array, Index
 
 _ROUNDS = 20
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
-_PARTS_PER_SAMPLE = 0.07
+_PARTS_PER_SAMPLE = 0.04
 """Parts that are judged for each sample that was tried, so that sampling goes on."""
 
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, Goal, Index, Verdict
+from placement_planner_ros.core.types import Array, Goal, Index, Mask, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,13 @@ class Outcome:
         verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach.
         values: (n,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
+        usable: (n,) which are free of collision, some arm being long enough and its hand free.
         goals: those found, in the order of the tries.
     """
 
     verdicts: Index
     values: Array
+    usable: Mask
     goals: list[Goal]
 
 

@@ -45,15 +45,11 @@ class UniformPoses:
         within = turns / np.bincount(pair, weights=turns)[pair] if len(sets) else turns
         self._ends = np.cumsum(shares[sets.region] / faces[sets.region] * within)
 
-    def draw(self, count: int, hopeful: Index | None = None) -> tuple[Index, Array]:
-        """(n,) pose sets, about half of them of the `hopeful` (k,) alike if there are any, and
-        (n, 3) places in them."""
+    def draw(self, count: int) -> tuple[Index, Array]:
+        """(n,) pose sets, and (n, 3) places in them."""
         # A pose set by its share, a point on its region, a turn within its range.
         share, turn = self._rng.random((2, count))
         sets = self._ends.searchsorted(share * self._ends[-1], "right")
-        if hopeful is not None and len(hopeful):
-            chosen = self._rng.random(count) < 0.5
-            sets[chosen] = self._rng.choice(hopeful, int(chosen.sum()))
         places = self._points.sample(self._sets.region[sets], self._rng)
         low, high = self._sets.low[sets, 2], self._sets.high[sets, 2]
         places[:, 2] = low + turn * (high - low)

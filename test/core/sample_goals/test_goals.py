@@ -105,11 +105,11 @@ def test_a_batch_ends_with_the_last_goal_that_is_wanted(made, checked):
     for wanted in (1, 3):
         outcome = planner.sampler._checker.check_batch(draws, -np.inf, wanted, never)
         assert len(outcome.goals) == (outcome.verdicts == Verdict.FEASIBLE).sum() == wanted
-        tried = outcome.verdicts > Verdict.NOT_BETTER
-        assert tried.sum() < (checked.verdicts > Verdict.NOT_BETTER).sum()
+        tried = outcome.usable & (outcome.verdicts > Verdict.NOT_BETTER)
+        assert tried.sum() < (checked.usable & (checked.verdicts > Verdict.NOT_BETTER)).sum()
         assert (outcome.values[checked.verdicts < Verdict.NOT_BETTER] == -np.inf).all()
     stopped = planner.sampler._checker.check_batch(draws, -np.inf, 1, lambda: True)
-    assert (stopped.verdicts <= Verdict.NOT_BETTER).all()
+    assert (stopped.verdicts[stopped.usable] <= Verdict.NOT_BETTER).all()
     assert not stopped.goals
 
 
@@ -117,9 +117,23 @@ def test_poses_are_reached_for_in_the_order_of_their_draws(made, checked):
     _, _, planner, draws = made
     outcome = planner.sampler._checker.check_batch(draws, -np.inf, 1, never)
     last = int(np.flatnonzero(outcome.verdicts == Verdict.FEASIBLE)[0])
-    better = np.flatnonzero(checked.values > -np.inf)
-    tried = np.flatnonzero(outcome.verdicts > Verdict.NOT_BETTER)
+    better = np.flatnonzero(checked.usable)
+    tried = np.flatnonzero(outcome.usable & (outcome.verdicts > Verdict.NOT_BETTER))
     assert tried.tolist() == better[better <= last].tolist()
+
+
+def test_what_no_hand_can_hold_is_not_reached_for(made, checked):
+    """Free poses at which the arm is too short or its hand collides are told apart at once."""
+    problem, _, planner, draws = made
+    blocked = np.flatnonzero((checked.values > -np.inf) & ~checked.usable)
+    assert len(blocked) > 10
+    assert np.isin(checked.verdicts[blocked], (Verdict.NO_IK, Verdict.ARM_COLLIDING)).all()
+    rng = np.random.default_rng(0)
+    for row in blocked[:20]:
+        holding = planner.holdings[problem.arms[draws.arm[row]].name, int(draws.grasp[row])]
+        face = problem.body.faces[int(draws.face[row])]
+        pose = placement_pose(face, draws.contact[row], draws.angle[row])
+        assert isinstance(holding.configurations(pose, 64, rng), Verdict)
 
 
 def test_only_what_beats_the_best_value_is_reached_for(made, checked):

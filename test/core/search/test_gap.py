@@ -113,7 +113,7 @@ def curve_of(planner, samples):
 def test_the_gap_falls_and_is_never_less_than_what_can_be_had(small, name):
     planner = planner_of(small, name)
     poses, rng = planner._poses, np.random.default_rng(7)
-    placements, found = curve_of(planner, 12_000)
+    placements, found = curve_of(planner, 20_000)
     sets = planner._search.hierarchy.sets
     draws = sets.draws(*UniformPoses(planner._search.hierarchy, rng).draw(20_000))
     verdicts, T = poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)

@@ -56,7 +56,8 @@ class Checker:
         self.asked += zip(*columns, strict=True)
         found = [judge(*one) for one in zip(draws.arm, draws.contact, draws.angle, strict=True)]
         verdicts = np.array([verdict_of(*one, best) for one in found])
-        return Outcome(verdicts, np.array([v for _, v in found]), [])
+        values = np.array([v for _, v in found])
+        return Outcome(verdicts, values, verdicts >= Verdict.NOT_BETTER, [])
 
 
 class Letter:
