@@ -50,7 +50,7 @@ class Turntable:
 
     def reachable(self, T_world_face: Array) -> bool:
         """False where the arm is too short for that place (4, 4), however the face is turned."""
-        return self._ik.reachable(T_world_face)
+        return bool(self._ik.reachable(T_world_face))
 
     def solve(self, T_world_face: Array, seeds: Array) -> tuple[Array, Array]:
         """Distinct ways to bring the face to that place and upright, in seed order.
