@@ -126,7 +126,7 @@ def test_the_first_placement_comes_before_its_local_optimisation():
     # few iterations, so that no other goal is reached meanwhile
     rare = {"motion_iterations": 5, "optimistic": OptimisticSettings(uniform_first=2000)}
     with_it, without = (
-        plan(samples=4000, **rare, local_optimization=on)[1] for on in (True, False)
+        plan(seed=1, samples=4000, **rare, local_optimization=on)[1] for on in (True, False)
     )
     assert with_it[0].objective == without[0].objective
     assert with_it[1].goal.arm == with_it[0].goal.arm

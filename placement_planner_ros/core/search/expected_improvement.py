@@ -2,8 +2,8 @@
 
 A part of a cell is worth looking at if its sample may be free, better than ξ_best, and reached.
 Each of the three is learned from the samples of the run: how often parts of such a cell were free,
-how far ξ of a part lies from ξ of the whole, and how many of the tries to reach a pose succeeded
-there, smoothed over the cells above in the AFR hierarchy.
+and so was a hand, how far ξ of a part lies from ξ of the whole, and how many of the tries to reach
+a pose succeeded there, smoothed over the cells above in the AFR hierarchy.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class ImprovementModel:
 
     def __init__(self, faces: int) -> None:
         shape = DEEPEST + 1, len(KIND_NUMBERS)
-        # Per depth and kind of the cell above: samples, and how many of them were free.
+        # Per depth and kind of the cell above: samples, and how many were free, with a hand.
         self._drawn, self._free = np.full(shape, 2.0), np.ones(shape)
         # Per depth: how many values are known whose cell above has one, their squared distances
         # from it, and what is typical of these; at depth 0 of all values, from their mean.

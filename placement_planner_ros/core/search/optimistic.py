@@ -3,9 +3,9 @@
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
-is split once only, but its parts stay, and so does a part in which something better is missed
-later: what the arms fail to reach promises less with each try. Poses are reached for in the same
-order.
+is split once only, but its parts stay; a coarse one once more where something better is missed
+later, and all of them where nothing is left: what the arms fail to reach promises less with each
+try. Poses are reached for in the same order.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from placement_planner_ros.core.types import Array, Index, Verdict
 _SAMPLES_PER_CELL = 1000
 """Samples so far for each of the cells that are split together: the more there were, the less any
 one more would change."""
-_MOST_AT_ONCE = 200
-"""Such cells at most: their parts take 50 ms."""
+_MOST_AT_ONCE = 60
+"""Such cells at most: what is drawn then takes 50 ms, after which it is looked whether to stop."""
 _REDRAWS = 16
 """Times that uniform poses are drawn anew where few can be better."""
 
@@ -130,7 +130,7 @@ class OptimisticSampler(BatchSampler):
         count = self._budget.batch if best == -np.inf else max(self._budget.batch, left)
         if len(parts):
             most = max(len(parts), self._at_once)
-            count = max(1, round(most * share / (1.0 - share)))
+            count = max(1, min(round(most * share / (1.0 - share)), MAX_CELLS // 4))
         # A pose in each part, and the coarse cells of uniform ones.
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
@@ -158,7 +158,7 @@ class OptimisticSampler(BatchSampler):
         # A cell too small to be split is split nevertheless if what is better there is not reached,
         # and a coarse one that was split is split again.
         missed = outcome.usable & (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
-        cells["coarse"][missed] = -1
+        cells["coarse"][missed & self._split[cells["coarse"]]] = -1
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
@@ -215,7 +215,7 @@ class OptimisticSampler(BatchSampler):
     def _open_parts(self, best: float) -> Cells:
         """The parts (n,) of the most promising cells that may hold a goal.
 
-        Where the cell's sample was free of collision nothing is known to rule parts out.
+        Where the cell's sample was free of collision bounds hardly rule parts out.
         """
         parts = halved_cells(self._take(best))
         parts["depth"] = np.minimum(parts["depth"] + 1, DEEPEST)

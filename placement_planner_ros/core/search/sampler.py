@@ -53,7 +53,8 @@ class Outcome:
         verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach.
         values: (n,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
-        usable: (n,) which are free of collision, some arm being long enough and its hand free.
+        usable: (n,) which are free of collision, some arm that may be used being long enough and
+            its hand free.
         goals: those found, in the order of the tries.
     """
 
@@ -64,8 +65,8 @@ class Outcome:
 
 
 TryOrder = Callable[[Index, Outcome, float], Iterator[int]]
-"""Of the rows (n,) that are better than `best`, the next to be reached for; what became of it is in
-the outcome when the one after it is asked for."""
+"""Of the usable rows (n,) that are better than `best`, the next to be reached for; what became of
+it is in the outcome when the one after it is asked for."""
 
 
 def as_drawn(rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
