@@ -35,7 +35,8 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.share import share_path
 
-NAMESPACE = "/placement_speed"
+NAMESPACE = f"/placement_speed_{os.getpid()}"
+"""So that two of these beside each other do not meet."""
 SCENE, OBJECT = "cabinet_high_clutter", "small_crayons_box"
 _COMMON = ("--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn")
 _READY_WITHIN = 600.0
