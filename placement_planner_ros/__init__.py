@@ -18,7 +18,7 @@ V, target volume                              types.TargetVolume
 R, r, placement contact regions; z_r          scene.environment.find_regions, scene.regions.Region
 o, F, f, v(f), fT_o, B_o                      body.body.Body, body.placement_face.PlacementFace
 gT_o, grasps; O(q)                            robot.arm.Arm; grasp.holding.Holding.object_pose
-Ŝ(r, f)                                       contacts.face.placement_pose
+Ŝ(r, f)                                       contacts.face.FaceContact.poses
 s(x)                                          constraints.PoseConstraints.stable
 c_f(x)                                        constraints.PoseConstraints.free
 ... both of many poses at once                constraints.PoseConstraints.verdicts

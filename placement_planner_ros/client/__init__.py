@@ -16,11 +16,4 @@ from placement_planner_ros.client.placement_client import PlacementClient
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import Status, Validity
 
-__all__ = [
-    "Answer",
-    "PlacementClient",
-    "PlacementError",
-    "Solution",
-    "Status",
-    "Validity",
-]
+__all__ = ["Answer", "PlacementClient", "PlacementError", "Solution", "Status", "Validity"]

@@ -37,10 +37,7 @@ class Answer:
         first, _, words = text.partition("\n")
         values = dict(pair.split("=", 1) for pair in first.split() if "=" in pair)
         return cls(
-            success,
-            values.get("code", ""),
-            words,
-            int(values["run"]) if "run" in values else None,
+            success, values.get("code", ""), words, int(values["run"]) if "run" in values else None
         )
 
     @property

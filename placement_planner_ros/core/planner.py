@@ -47,11 +47,11 @@ from placement_planner_ros.core.problem import Problem, with_exclusion_zones
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
+from placement_planner_ros.core.sample_goals.remainder import Cause, Remainder
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
-from placement_planner_ros.core.search.pruning import Cause, Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting

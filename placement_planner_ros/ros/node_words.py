@@ -45,10 +45,7 @@ SETTINGS = {
     },
     "grid_settings": {"cloud.cell_size": "cell_size"},
     "region_settings": {"max_slope": "max_slope"},
-    "body_settings": {
-        "object.flatness": "flatness",
-        "object.allow_rolling": "allow_rolling",
-    },
+    "body_settings": {"object.flatness": "flatness", "object.allow_rolling": "allow_rolling"},
 }
 """The parameters that are fields of settings, by the attribute of a `ParameterSet` that these
 settings are, and where they stand there."""

@@ -16,9 +16,7 @@ from placement_planner_ros.scenes.scenes import Scene
 
 
 def complete_cloud(
-    scene: Scene,
-    spacing: float = 0.005,
-    bounds: tuple[Array, Array] | None = None,
+    scene: Scene, spacing: float = 0.005, bounds: tuple[Array, Array] | None = None
 ) -> Array:
     """Points on the whole surface of the union of the scene's parts, the same at every call.
 

@@ -266,10 +266,7 @@ class Page:
         self._panel.write(
             heading=words.heading_html(record, self._listener.absent),
             placement=words.placement_html(
-                self.solution,
-                reason,
-                self._world.parameter("objective", ""),
-                self._confirmed,
+                self.solution, reason, self._world.parameter("objective", ""), self._confirmed
             ),
             bars=charts.rejection_bars(record.rejected, record.samples),
             note=words.note_html("; ".join(self._said_faults())),

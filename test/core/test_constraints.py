@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.pose_sets import placement_pose
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.contacts.by_vertices import stays_standing
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment

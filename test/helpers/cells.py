@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from placement_planner_ros.core.contacts.placed_cells import PlacedCells
+from placement_planner_ros.core.contacts.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import CELL, PoseSets
 from placement_planner_ros.core.types import Verdict
 
@@ -35,3 +37,9 @@ def some_pose_stands(poses, sets, cells, times=40):
     draws = sets.draws(at["set"], places)
     verdicts, _ = poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
     return (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
+
+
+def unsupported_by(poses, sets, cells):
+    """(n,) what the bound of s(x) rules out."""
+    bound = SupportBound(poses.problem, poses.faces.support, poses.footing)
+    return bound.unsupported(PlacedCells(sets, cells))

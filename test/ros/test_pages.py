@@ -8,7 +8,7 @@ from helpers.fakes import started, values_of
 from placement_planner_ros.client.errors import CLIENT_CODES
 from placement_planner_ros.client.status import ENDED
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.search.pruning import Cause
+from placement_planner_ros.core.sample_goals.remainder import Cause
 from placement_planner_ros.ros import node as everything
 from placement_planner_ros.ros.run.worker import State
 

@@ -11,7 +11,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.search.pruning import Cause
+from placement_planner_ros.core.sample_goals.remainder import Cause
 from placement_planner_ros.core.stopping import step, stoppable
 from placement_planner_ros.ros.run import worker
 

@@ -42,9 +42,7 @@ class PlacementFace:
         foot = point + ((self.vertices[0] - point) @ self.normal) * self.normal
         rotation = self.T_face_object.rotation
         return replace(
-            self,
-            reference=frozen_array(foot),
-            T_face_object=pin.SE3(rotation, -rotation @ foot),
+            self, reference=frozen_array(foot), T_face_object=pin.SE3(rotation, -rotation @ foot)
         )
 
 

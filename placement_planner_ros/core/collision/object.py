@@ -87,11 +87,7 @@ class ObjectCollision:
         return self._free(SweptPoses(poses, contact, raised), self._boxes_on(slope), margin)
 
     def free_along(
-        self,
-        T_world_object: Array,
-        direction: Array,
-        length: float,
-        boxes: BoxArrays,
+        self, T_world_object: Array, direction: Array, length: float, boxes: BoxArrays
     ) -> bool:
         """Whether the object keeps the margin from `boxes_touching` on a straight way to a pose.
 

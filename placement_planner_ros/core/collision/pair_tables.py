@@ -85,12 +85,7 @@ def _cells_away(
 
 @njit(cache=True, nogil=True)
 def _fill_table(
-    arm: ArmArrays,
-    scratch: ArmScratch,
-    pair: int,
-    lower: Array,
-    clear: float,
-    apart: Mask,
+    arm: ArmArrays, scratch: ArmScratch, pair: int, lower: Array, clear: float, apart: Mask
 ) -> None:
     """All cells (m, n) of a table: the whole of it, and where that is open its quarters."""
     rows, columns = apart.shape

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import EVERY_TURN, Ranges
 from placement_planner_ros.core.types import (
-    LEVEL,
     Array,
     Contact,
     Index,
@@ -73,7 +71,8 @@ class FaceContact:
         return EVERY_TURN if self._turns is None else self._turns.ranges(feature, region.slope)
 
     def poses(self, features: Index, points: Array, angles: Array, slopes: Array | None) -> Array:
-        """(n, 4, 4) `placement_pose` of each."""
+        """(n, 4, 4) T(R_n R_z(θ), (x, y, z_r)) · fT_o of each, poses of Ŝ(r, f); on a level region R_n
+        is the identity."""
         turned = np.zeros((len(features), 4, 4))
         turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angles)
         turned[:, 1, 0] = np.sin(angles)
@@ -118,18 +117,3 @@ class FaceContact:
 
     def missing(self) -> None:
         """Nothing: a search over no region says so itself."""
-
-
-def placement_pose(
-    face: PlacementFace, contact: Array, angle: float, slope: Slope = LEVEL
-) -> pin.SE3:
-    """T(R_n R_z(θ), (x, y, z_r)) · fT_o, a pose of Ŝ(r, f); on a level region R_n is the identity.
-
-    Args:
-        contact: (3,) position of the face's reference point.
-        angle: θ, rad.
-        slope: of the region, along whose normal R_n turns the object.
-    """
-    cos, sin = math.cos(angle), math.sin(angle)
-    rotation = upright(slope) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return pin.SE3(rotation, np.asarray(contact)) * face.T_face_object

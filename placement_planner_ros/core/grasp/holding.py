@@ -100,6 +100,12 @@ class Holding:
         self._seeds = seed_table(self.chain)
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
+        self._left = self._reserve + settings.collision.edge_resolution
+        # Heights of the waypoints above contact, the least one among them.
+        way = settings.approach
+        steps = max(1, round(way.approach_distance / way.approach_step))
+        heights = np.linspace(0.0, way.approach_distance, steps + 1)[1:]
+        self._heights = np.unique(np.append(heights, way.approach_minimum))
         self._stray = settings.collision.approach_stray
         # The box around the object.
         vertices = held.body.vertices
@@ -115,9 +121,14 @@ class Holding:
         """O(q)."""
         return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
 
-    def first_verdicts(self, T_world_object: Array) -> Index:
+    def first_verdicts(self, T_world_object: Array, openings: Array) -> Index:
         """(n,) what the tip alone decides at object poses (n, 4, 4), before any inverse kinematics:
-        NO_IK where the arm is too short, ARM_COLLIDING where its hand is not free, or FEASIBLE."""
+        NO_IK where the arm is too short, ARM_COLLIDING or NO_RELEASE where its hand is not free or
+        cannot open, NO_APPROACH where it can begin its way nowhere, or FEASIBLE.
+
+        Args:
+            openings: (n, 3) unit directions of the ways back.
+        """
         if self.any_turn is not None:
             return np.full(len(T_world_object), Verdict.FEASIBLE)
         T_world_tip = T_world_object @ self._T_object_tip.homogeneous
@@ -126,7 +137,20 @@ class Holding:
         free = self.collision.hands_free(
             T_world_tip[near], self.tip_slack, self._reserve, contact=True
         )
-        verdicts[near[free]] = Verdict.FEASIBLE
+        near = near[free]
+        verdicts[near] = Verdict.FEASIBLE
+        if self.require_retreat:
+            opens = self.open_hand.releases_free(T_world_tip[near], self.tip_slack)
+            verdicts[near[~opens]] = Verdict.NO_RELEASE
+            near = near[opens]
+        # Raised to one of these heights the hand with the object can be left.
+        verdicts[near] = Verdict.NO_APPROACH
+        for height in self._heights.tolist():
+            T_raised = T_world_tip[near]
+            T_raised[:, :3, 3] += height * openings[near]
+            free = self.collision.hands_free(T_raised, self.tip_slack, self._left)
+            verdicts[near[free]] = Verdict.FEASIBLE
+            near = near[~free]
         return verdicts
 
     def configurations(
@@ -256,15 +280,11 @@ class Holding:
         """(k, dof) the straight way to `q`, raised pre-placement first, as long as there is room;
         None where even the least length is blocked."""
         settings = self._settings
-        # Heights of the waypoints, the least one among them.
-        steps = max(1, round(settings.approach_distance / settings.approach_step))
-        heights = np.linspace(0.0, settings.approach_distance, steps + 1)[1:]
-        heights = np.unique(np.append(heights, settings.approach_minimum))
         upward = [q]
         raised: list[Array] = []
         lines = self._lines(T_world_object, opening)
         below = 0.0
-        for height in heights.tolist():
+        for height in self._heights.tolist():
             # Up to that height the object is free.
             if not poses.free(T_world_object, contact, height + self._stray):
                 break

@@ -25,7 +25,7 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Mask
 
 PARTING_M = 0.003
 """m of the retreat, at the longest, on which links of the open hand may touch the object still."""
@@ -61,11 +61,7 @@ class OpenHand:
     """
 
     def __init__(
-        self,
-        moving: MovingArm,
-        body: Body,
-        obstacles: ObstacleSet,
-        settings: GraspSettings,
+        self, moving: MovingArm, body: Body, obstacles: ObstacleSet, settings: GraspSettings
     ) -> None:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
         # The arm with its hand open, and with what it sweeps by opening.
@@ -94,6 +90,10 @@ class OpenHand:
     def release_free(self, q: Array) -> bool:
         """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
         return self._opening.free(q, self._reserve)
+
+    def releases_free(self, T_world_tip: Array, slack: float) -> Mask:
+        """(n,) False where it is certain that at no q with the tip at (n, 4, 4) `release_free`."""
+        return self._opening.hands_free(T_world_tip, slack, self._reserve)
 
     def retreat(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Array | None:
         """(m, dof) certified waypoints straight away from the object, from q on; None without.

@@ -53,9 +53,7 @@ class Overlaps:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        more: Sequence[tuple[coal.CollisionGeometry, CoveredMesh | None]] = (),
+        self, robot: Robot, more: Sequence[tuple[coal.CollisionGeometry, CoveredMesh | None]] = ()
     ) -> None:
         links = [thing.geometry for thing in robot.geometry.geometryObjects]
         self.shapes = [*links, *(shape for shape, _ in more)]

@@ -9,12 +9,12 @@ import numpy as np
 
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.contact_class import ContactClass
+from placement_planner_ros.core.contacts.placed_cells import PlacedCells
+from placement_planner_ros.core.contacts.support_bounds import SupportBound
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective, PoseRanges, SlowObjective
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.overlap_bounds import OverlapBound
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Index, Mask
@@ -95,7 +95,7 @@ class BranchBounds:
     @cached_property
     def _support(self) -> SupportBound:
         """Made once it is asked for: the first placement is often found before."""
-        return SupportBound(self._poses)
+        return SupportBound(self._poses.problem, self._poses.faces.support, self._poses.footing)
 
     @cached_property
     def _overlap(self) -> OverlapBound:

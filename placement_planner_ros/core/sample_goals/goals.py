@@ -80,6 +80,7 @@ class GoalFinder:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
         # Cheap constraints of all draws at once.
         lacking = np.zeros(len(draws.face))
+        least = np.full(len(lacking), np.nan) if draws.least is None else draws.least
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )
@@ -89,13 +90,14 @@ class GoalFinder:
         for rows in np.split(free, range(_ASKED_AT_ONCE, len(free), _ASKED_AT_ONCE)):
             if len(rows):
                 step("asking the objective")
-                values[rows] = self._values(T[rows], best)
+                values[rows] = self._values(T[rows], float(np.fmin(best, least[rows]).min()))
         verdicts[free] = Verdict.NOT_BETTER
-        # What the tip alone decides, with each arm and grasp.
-        firsts = self._first_verdicts(draws, free, T)
+        # What the tip alone decides, with each arm and grasp, of those that may be of use.
+        asked = free[~(values[free] <= least[free])]
+        firsts = self._first_verdicts(draws, asked, T)
         usable = (firsts == Verdict.FEASIBLE).any(axis=1)
         # Those that would be better are to be reached.
-        better = free[values[free] > best]
+        better = asked[values[asked] > best]
         blocked = better[~usable[better]]
         verdicts[blocked] = firsts[blocked].max(axis=1)
         found: list[Goal] = []
@@ -135,9 +137,10 @@ class GoalFinder:
         firsts = np.full((len(T), len(self.holdings)), Verdict.OUTSIDE_VOLUME)
         arm = draws.arm[rows]
         drawn = np.where(arm < 0, -1, self._first[arm] + draws.grasp[rows])
+        openings = np.array([self._poses.contacts.opening(f) for f in draws.face[rows].tolist()])
         for k, holding in enumerate(self.holdings if len(rows) else ()):
-            asked = rows[(drawn < 0) | (drawn == k)]
-            firsts[asked, k] = holding.first_verdicts(T[asked])
+            asked = (drawn < 0) | (drawn == k)
+            firsts[rows[asked], k] = holding.first_verdicts(T[rows[asked]], openings[asked])
         return firsts
 
     def _reach_any(
@@ -161,7 +164,8 @@ class GoalFinder:
         it can give it at that place."""
         # An arm that can turn the object as asked.
         if holding.any_turn is None:
-            yield self._reach_goal(holding, wanted)
+            found = holding.configurations(wanted.x, self._ik_seeds, self._rng)
+            yield found if isinstance(found, Verdict) else self._placed(holding, wanted, found)
             return
         # Places for the others, with the turns that the arm can give.
         T_face_object = self._poses.contacts.frames[wanted.contact.feature]
@@ -191,10 +195,6 @@ class GoalFinder:
             return pose, verdict
         pose = replace(pose, value=evaluate_objective(self._objective, pose.x))
         return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
-
-    def _reach_goal(self, holding: Holding, wanted: Wanted) -> Goal | Verdict:
-        found = holding.configurations(wanted.x, self._ik_seeds, self._rng)
-        return found if isinstance(found, Verdict) else self._placed(holding, wanted, found)
 
     def _placed(self, holding: Holding, wanted: Wanted, Q: Array) -> Goal | Verdict:
         """The goal at one of the configurations Q (k, dof) that reach it, free at contact."""

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.inner_balls import inner_balls
 from placement_planner_ros.core.collision.against_boxes import distance_bounds
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -41,22 +41,6 @@ class OverlapBound:
             )
             _mark_overlaps(self._balls, grid, field, ranges.T, moves, self._above, result)
         return result
-
-
-def inner_balls(body: Body, radius: float) -> Array:
-    """(n, 4) centres and radii of balls within convex pieces of the body, larger than that, the
-    largest first; none whose centre lies in the inner half of a larger one."""
-    points = body.volume_points
-    depths = [(s.offsets - points @ s.normals.T).min(axis=1) for s in body.solids]
-    depth = np.max([np.zeros(len(points)), *depths], axis=0)
-    left = np.flatnonzero(depth > radius)
-    left = left[np.argsort(-depth[left], kind="stable")]
-    chosen: list[int] = []
-    while len(left):
-        chosen.append(left[0])
-        away = np.linalg.norm(points[left] - points[left[0]], axis=1)
-        left = left[away > 0.5 * depth[left[0]]]
-    return np.column_stack([points, depth])[chosen]
 
 
 @njit(cache=True, nogil=True)

@@ -109,11 +109,7 @@ def _vertical_runs(points: Field, boxes: Array, slope: Slope) -> Runs:
 
 @njit(cache=True, nogil=True)
 def _runs_of_columns(
-    points: Field,
-    boxes: Array,
-    slope: Slope,
-    first: Array,
-    shape: tuple[int, int],
+    points: Field, boxes: Array, slope: Slope, first: Array, shape: tuple[int, int]
 ) -> tuple[Array, Array, Array]:
     """The fields of `Runs`.
 
@@ -235,11 +231,7 @@ def _joined_ends(height: Array, weight: Array, most: int) -> tuple[Array, Index]
 
 @njit(cache=True, nogil=True)
 def _telling_runs(
-    at: Array,
-    bottom: Array,
-    number: Index,
-    slices: int,
-    shape: tuple[int, int],
+    at: Array, bottom: Array, number: Index, slices: int, shape: tuple[int, int]
 ) -> Index:
     """(k,) rows of runs, those that end highest first: of those that end in one slice in one pixel
     the nearest to its middle, and that which reaches down furthest, if this is by a voxel.

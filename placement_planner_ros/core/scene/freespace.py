@@ -369,12 +369,7 @@ def _within_box(along: Array, low: Array, high: Array) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def _walk_cells(
-    cells: Mask,
-    cell: int,
-    left: Index,
-    step: Index,
-    crossing: Array,
-    between: Array,
+    cells: Mask, cell: int, left: Index, step: Index, crossing: Array, between: Array
 ) -> None:
     """Set the cells of a line but the last: always across the face that comes first."""
     # plain numbers, which stay in registers

@@ -3,16 +3,16 @@
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
-is split once only, but its parts stay; a coarse one once more where something better is missed
-later, and all of them where nothing is left: what the arms fail to reach promises less with each
-try. Poses are reached for in the same order.
+is split once only, but its parts stay; coarse ones once more where nothing is left: what the arms
+fail to reach promises less with each try. Poses are reached for in the same order. Where uniform
+samples are free `climbers` begin, which follow ξ into pockets that no cell is small enough for.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from placement_planner_ros.core.search.cell_layout import (
     contact_areas,
     halved_cells,
 )
+from placement_planner_ros.core.search.climbers import Climbers
 from placement_planner_ros.core.search.expected_improvement import (
     DEEPEST,
     GRADED_CELL,
@@ -45,11 +46,6 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-_SAMPLES_PER_CELL = 1000
-"""Samples so far for each of the cells that are split together: the more there were, the less any
-one more would change."""
-_MOST_AT_ONCE = 60
-"""Such cells at most: what is drawn then takes 50 ms, after which it is looked whether to stop."""
 _REDRAWS = 16
 """Times that uniform poses are drawn anew where few can be better."""
 
@@ -62,14 +58,14 @@ class OptimisticSettings(SamplerSettings):
         batch: as in `SamplerSettings`, of the uniform samples at the beginning.
         uniform_first: samples before the search begins to refine; until then all are uniform, so
             that the coarse cells have been graded.
-        uniform_share: of the samples after these, at least.
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
             what is best may stand on a small one.
+        climbers: poses that climb at a time, once there is a placement; see `Climbers`.
     """
 
     uniform_first: int = setting(600, "[0, inf)")
-    uniform_share: float = setting(0.5, "[0, 1)")
     even_share: float = setting(0.5, "[0, 1]")
+    climbers: int = setting(100, "[0, 1000]")
 
 
 class OptimisticSampler(BatchSampler):
@@ -94,6 +90,7 @@ class OptimisticSampler(BatchSampler):
         self._bounds = bounds
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
+        self._climbers = Climbers(hierarchy.sets, settings.climbers, rng)
         self._sets = hierarchy.sets
         # a coarse cell lies two levels of the hierarchy below its pose set
         self._shape = (max(len(self._sets), 1), 4, 4, hierarchy.settings.angle_intervals**2)
@@ -111,7 +108,8 @@ class OptimisticSampler(BatchSampler):
         self._waiting: list[tuple[float, np.void]] = []
         self._ranked_for = -np.inf  # ξ by which the cells are ranked
         self._ranked_at = 0  # samples by which they are
-        self._drawn = self._filed[:0]  # the cells that poses were drawn from last
+        # the cells that poses were drawn from last, these poses, and which of them are uniform
+        self._drawn, self._places, self._evenly = self._filed[:0], np.empty((0, 3)), slice(0)
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first, and
@@ -121,21 +119,23 @@ class OptimisticSampler(BatchSampler):
         for _, cell in (each for each in self._waiting if each[0] <= best):
             self._model.count_try(cell, 0.0, 1.0)
         self._waiting = [each for each in self._waiting if each[0] > best]
-        share = self._settings.uniform_share
         left = self._settings.uniform_first - self.count.samples
         early = left > 0 or (best == -np.inf and self._waiting)
         parts = np.empty(0, dtype=GRADED_CELL) if early else self._open_parts(best)
         # A placement takes as long as some thousands of samples: once there is one, the rest of the
         # grading is one batch.
-        count = self._budget.batch if best == -np.inf else max(self._budget.batch, left)
-        if len(parts):
-            most = max(len(parts), self._at_once)
-            count = max(1, min(round(most * share / (1.0 - share)), MAX_CELLS // 4))
+        count = max(self._budget.batch, len(parts), left if best > -np.inf else 0)
         # A pose in each part, and the coarse cells of uniform ones.
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
-        self._drawn = np.concatenate([parts, coarse])
-        return self._sets.draws(self._drawn["set"], np.concatenate([within, drawn]))
+        # And the next step of each climber.
+        sets, steps, values = self._climbers.propose()
+        climbing = self._as_nodes(self._coarse_cells(sets, steps))
+        self._drawn = np.concatenate([parts, coarse, climbing])
+        self._places = np.concatenate([within, drawn, steps])
+        self._evenly = slice(len(parts), len(parts) + len(coarse))
+        least = np.concatenate([np.full(self._evenly.stop, np.nan), values])
+        return replace(self._sets.draws(self._drawn["set"], self._places), least=least)
 
     def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
         """As drawn until something is found; then what promises most for its cost first."""
@@ -154,11 +154,17 @@ class OptimisticSampler(BatchSampler):
             self._model.count_try(cells[row], 1.0, 0.0)
             if verdicts[row] == Verdict.FEASIBLE:
                 self._waiting.append((float(outcome.values[row]), cells[row].copy()))
-        self._model.learn(cells, outcome)
-        # A cell too small to be split is split nevertheless if what is better there is not reached,
-        # and a coarse one that was split is split again.
-        missed = outcome.usable & (outcome.values > best) & (verdicts < Verdict.FEASIBLE)
-        cells["coarse"][missed & self._split[cells["coarse"]]] = -1
+        # Climbers learn of their own steps; others begin where a uniform pose is usable.
+        end, values, usable = self._evenly.stop, outcome.values, outcome.usable
+        self._climbers.learn(values[end:], usable[end:])
+        if best > -np.inf:
+            rows = np.arange(end)[self._evenly][usable[self._evenly]]
+            self._climbers.begin(cells["set"][rows], self._places[rows], values[rows])
+        # Cells learn of what was drawn in them.
+        cells, verdicts, values, usable = cells[:end], verdicts[:end], values[:end], usable[:end]
+        self._model.learn(cells, replace(outcome, verdicts=verdicts, values=values, usable=usable))
+        # A cell too small to be split is split nevertheless if what is better there is not reached.
+        missed = usable & (values > best) & (verdicts < Verdict.FEASIBLE)
         self._file(cells[(contact_areas(cells) > self._min_area) | missed])
 
     def _even(self, count: int, best: float) -> tuple[Cells, Array]:
@@ -191,16 +197,19 @@ class OptimisticSampler(BatchSampler):
     def _coarse(self, count: int) -> tuple[Cells, Array]:
         """The coarse cells (n,) of n uniform poses, and these (n, 3) as x, y, θ."""
         sets, poses = self._uniform.draw(count)
-        # The coarse cell that each pose lies in.
+        return self._coarse_cells(sets, poses), poses
+
+    def _coarse_cells(self, sets: Index, poses: Array) -> Cells:
+        """The coarse cells (n,) that places (n, 3) of pose sets (n,) lie in."""
         low, high = self._sets.low[sets], self._sets.high[sets]
         steps = np.array(self._shape[1:])
         size = (high - low) / steps
         place = np.clip(np.floor((poses - low) / size), 0, steps - 1).astype(np.int64)
         corner = low + place * size
-        cells = np.zeros(count, dtype=GRADED_CELL)
+        cells = np.zeros(len(sets), dtype=GRADED_CELL)
         cells["set"], cells["low"], cells["high"] = sets, corner, low + (place + 1.0) * size
         cells["coarse"] = np.ravel_multi_index((sets, *place.T), self._shape)
-        return cells, poses
+        return cells
 
     def _as_nodes(self, cells: Cells) -> Cells:
         """Coarse cells (n,) as they are graded, each a node."""
@@ -231,11 +240,6 @@ class OptimisticSampler(BatchSampler):
         is_open[rows] = True
         return np.asarray(parts[is_open])
 
-    @property
-    def _at_once(self) -> int:
-        """Cells that are split together."""
-        return min(max(CELLS_AT_ONCE, self.count.samples // _SAMPLES_PER_CELL), _MOST_AT_ONCE)
-
     def _take(self, best: float) -> Cells:
         """Remove the most promising cells (n,) from those that are filed; each is a node now."""
         # Rank anew where something was placed, or the samples have doubled.
@@ -243,8 +247,7 @@ class OptimisticSampler(BatchSampler):
             self._ranked_for, self._ranked_at = best, self.count.samples
             self._rank(np.flatnonzero(self._worth >= 0.0))
         # The most promising, by what is known of them now.
-        at_once = self._at_once
-        rows = np.argpartition(-self._worth, 2 * at_once)[: 2 * at_once]
+        rows = np.argpartition(-self._worth, 2 * CELLS_AT_ONCE)[: 2 * CELLS_AT_ONCE]
         rows = rows[self._worth[rows] > 0.0]
         self._rank(rows)
         # Where nothing is left, coarse cells may be split once more, for other samples.
@@ -252,7 +255,7 @@ class OptimisticSampler(BatchSampler):
             self._split[:] = False
         taken: list[int] = []
         for row in rows[np.argsort(-self._worth[rows], kind="stable")].tolist():
-            if len(taken) == at_once:
+            if len(taken) == CELLS_AT_ONCE:
                 break
             self._worth[row] = -1.0
             # A coarse cell is filed as often as it was graded, and split once only.

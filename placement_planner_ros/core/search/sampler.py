@@ -35,6 +35,8 @@ class Draws:
     Attributes:
         contact: (n, 3).
         slope: (n, 2) of the plane through it that the object stands on.
+        least: (n,) ξ above which they are of use though not better than ξ_best, NaN: of no use;
+            None: none is.
     """
 
     arm: Index
@@ -43,6 +45,7 @@ class Draws:
     contact: Array
     angle: Array
     slope: Array
+    least: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -74,11 +74,7 @@ def mark_cubes(arm: ArmArrays, frames: Array, beyond: float, cubes: SweptCubes) 
 
 @njit(cache=True, nogil=True)
 def find_news(
-    points: Array,
-    cubes: SweptCubes,
-    known: ObstacleArrays,
-    within: float,
-    rows: Index,
+    points: Array, cubes: SweptCubes, known: ObstacleArrays, within: float, rows: Index
 ) -> int:
     """Fill `rows` with the points that are in a swept cube and far from every box; how many."""
     # Cubes that are swept, and the boxes of the known obstacles by their cells.

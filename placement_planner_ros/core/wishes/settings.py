@@ -36,9 +36,7 @@ class TurnSettings(Settings):
         "degrees of the vertical are out.",
     )
     front_direction: float = setting(
-        0.0,
-        unit="rad",
-        text="Azimuth that `front` faces, from x towards y of `root frame`.",
+        0.0, unit="rad", text="Azimuth that `front` faces, from x towards y of `root frame`."
     )
     front_tolerance: float = setting(
         0.26, f"[0, {math.pi}]", "rad", "How far `front` may be from `front_direction`."

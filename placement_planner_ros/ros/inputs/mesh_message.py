@@ -75,7 +75,4 @@ def _plain(data: bytes, order: str) -> tuple[Array, Triangles]:
     # doubles begin at the next multiple of 8
     at = -(-(at + count.itemsize) // 8) * 8
     points = np.frombuffer(data, f"{order}f8", 3 * vertices, at if vertices else 0)
-    return (
-        points.astype(np.float64).reshape(-1, 3),
-        corners.astype(np.int64).reshape(-1, 3),
-    )
+    return (points.astype(np.float64).reshape(-1, 3), corners.astype(np.int64).reshape(-1, 3))

@@ -178,10 +178,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     settings = settings_for(parameters, error)
     keep_out = parameters["keep_out"]
     rules = StartRules(
-        settings.collision,
-        environment,
-        settings.tilt,
-        boxes_of(keep_out) if keep_out else None,
+        settings.collision, environment, settings.tilt, boxes_of(keep_out) if keep_out else None
     )
     # limits, self-collision, the clouds and the tilt, of each arm and grasp
     at_start = faults_at_start(robot, arms, q, body, rules)

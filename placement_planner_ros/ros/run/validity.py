@@ -99,10 +99,7 @@ def _start_outline(snapshot: Snapshot, goal: Goal) -> Outline | None:
 
 
 def _stretches(
-    placement: Placement,
-    snapshot: Snapshot,
-    obstacles: ObstacleSet,
-    settings: CollisionSettings,
+    placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet, settings: CollisionSettings
 ) -> list[Stretch]:
     goal, robot = placement.goal, snapshot.robot
     arm = snapshot.arm(goal.arm)

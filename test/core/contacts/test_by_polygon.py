@@ -15,12 +15,12 @@ from helpers.footholds import (
     rack,
     spare,
 )
+from helpers.pose_sets import placement_pose
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.by_polygon import TIPS
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.contacts.friction_cones import DIRECTIONS, TILT_RAD, stays
 from placement_planner_ros.core.planner import PlannerSettings
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.footholds import bare_problem
+from helpers.pose_sets import placement_pose
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Contact, TargetVolume

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.cells import cells_across, some_pose_stands
+from helpers.cells import cells_across, some_pose_stands, unsupported_by
 from helpers.tilts import slope_of, tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.types import LEVEL, TargetVolume
 
 FOOTING = PlannerSettings().footing
@@ -46,7 +44,7 @@ def test_no_cell_with_a_stable_pose_is_unsupported_whatever_the_edge_margin(made
     poses = PoseConstraints(
         problem, settings, replace(PlannerSettings(), edge_margin=margin).footing, 0.0
     )
-    unsupported = SupportBound(poses).unsupported(PlacedCells(sets, cells))
+    unsupported = unsupported_by(poses, sets, cells)
     stable = some_pose_stands(poses, sets, cells)
     assert not (stable & unsupported).any()
     assert stable.sum() > 30
@@ -64,9 +62,9 @@ def test_no_cell_with_a_pose_in_any_of_several_boxes_is_ruled_out(made, cells):
     upper[:2, 2] = heights[1]
     several = replace(problem, volume=TargetVolume(lower, upper))
     poses = PoseConstraints(several, planner._settings.collision, FOOTING, 0.0)
-    unsupported = SupportBound(poses).unsupported(PlacedCells(sets, cells))
+    unsupported = unsupported_by(poses, sets, cells)
     everywhere = PoseConstraints(problem, planner._settings.collision, FOOTING, 0.0)
-    one = SupportBound(everywhere).unsupported(PlacedCells(sets, cells))
+    one = unsupported_by(everywhere, sets, cells)
     assert not (one & ~unsupported).any()
     assert (unsupported & ~one).sum() > 100
     stable = some_pose_stands(poses, sets, cells)

@@ -3,14 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from helpers.pose_sets import placement_pose
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.contacts.face import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.sample_goals.goals import Wanted, _contact_of
 from placement_planner_ros.core.scene.regions import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import Verdict
@@ -122,18 +124,22 @@ def test_poses_are_reached_for_in_the_order_of_their_draws(made, checked):
     assert tried.tolist() == better[better <= last].tolist()
 
 
-def test_what_no_hand_can_hold_is_not_reached_for(made, checked):
-    """Free poses at which the arm is too short or its hand collides are told apart at once."""
-    problem, _, planner, draws = made
-    blocked = np.flatnonzero((checked.values > -np.inf) & ~checked.usable)
-    assert len(blocked) > 10
-    assert np.isin(checked.verdicts[blocked], (Verdict.NO_IK, Verdict.ARM_COLLIDING)).all()
-    rng = np.random.default_rng(0)
-    for row in blocked[:20]:
-        holding = planner.holdings[problem.arms[draws.arm[row]].name, int(draws.grasp[row])]
-        face = problem.body.faces[int(draws.face[row])]
-        pose = placement_pose(face, draws.contact[row], draws.angle[row])
-        assert isinstance(holding.configurations(pose, 64, rng), Verdict)
+def test_what_no_hand_can_place_is_not_reached_for(made):
+    """Free poses of which the tip alone decides are told apart at once, and rightly."""
+    problem, _, planner, _ = made
+    finder, told = planner.sampler._checker, []
+    for draws in (planner.sampler._draw(-np.inf) for _ in range(30)):
+        verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
+        free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
+        firsts = finder._first_verdicts(draws, free, T).max(axis=1)
+        for row in free[firsts[free] != Verdict.FEASIBLE]:
+            if told.count(firsts[row]) < 40:
+                told.append(firsts[row])
+                holding = planner.holdings[problem.arms[draws.arm[row]].name, draws.grasp[row]]
+                wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), 0.0)
+                (tried,) = finder._tries(holding, wanted, -np.inf)
+                assert isinstance(tried, Verdict)
+    assert {int(Verdict.NO_IK), *range(Verdict.ARM_COLLIDING, Verdict.NO_RETREAT)} == set(told)
 
 
 def test_only_what_beats_the_best_value_is_reached_for(made, checked):

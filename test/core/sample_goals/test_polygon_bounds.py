@@ -5,14 +5,12 @@ import functools
 import numpy as np
 import pytest
 import trimesh
-from helpers.cells import cells_across, some_pose_stands
+from helpers.cells import cells_across, some_pose_stands, unsupported_by
 from helpers.footholds import Block, pedestal, problem_on, rack
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.scenes.objects import object_by_name
 
@@ -78,7 +76,7 @@ def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
     regions, faces = poses.contacts.regions, len(poses.problem.body.faces)
     rng = np.random.default_rng(4)
     sets, cells = cells_across(regions, faces, rng, 300, [0.0, 0.005, 0.03, 0.15])
-    unsupported = SupportBound(poses).unsupported(PlacedCells(sets, cells))
+    unsupported = unsupported_by(poses, sets, cells)
     stable = some_pose_stands(poses, sets, cells)
     assert not (stable & unsupported).any()
     assert stable.sum() > 20

@@ -10,9 +10,10 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.terms import term_ends
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.sample_goals.remainder import Cause
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import halved_cells
-from placement_planner_ros.core.search.pruning import Cause, Ruling
+from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.core.wishes.settings import WishSettings
 

@@ -8,12 +8,13 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
+from placement_planner_ros.core.contacts.placed_cells import PlacedCells
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.sample_goals.remainder import Remainder
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.cell_layout import CELL, PoseSets
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.pruning import Remainder, Ruling
+from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.uniform import UniformPoses
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")

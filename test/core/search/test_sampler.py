@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.climbers import Climbers
 from placement_planner_ros.core.search.expected_improvement import (
     GRADED_CELL,
     VALUED,
@@ -234,16 +234,6 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     assert model.chances(of(node)) == pytest.approx(0.5 * 2.0 / 6.0)
 
 
-def test_what_is_missed_in_a_coarse_cell_that_was_split_is_split_again():
-    made, checker = sampler(OptimisticSampler, samples_per_call=200)
-    checker.judge = lambda *_: (Verdict.NO_IK, 1.0)
-    made._split[:-1] = True
-    made.sample_goals(-np.inf, never)
-    places = np.array(checker.contacts)[:, None, :3]
-    filed = made._filed[made._worth > 0.0]
-    assert ((filed["low"] <= places) & (places <= filed["high"])).all(axis=2).any(axis=1).all()
-
-
 def test_where_nothing_is_left_coarse_cells_are_split_once_more():
     made, checker = sampler(OptimisticSampler, samples_per_call=200)
     checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)
@@ -254,22 +244,22 @@ def test_where_nothing_is_left_coarse_cells_are_split_once_more():
     assert (made._worth >= 0.0).any()
 
 
-@pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
-@pytest.mark.parametrize("kind", SETTINGS.values())
-def test_budgets_below_one_are_refused(kind, name):
-    with pytest.raises(ParameterError, match=name):
-        kind(**{name: 0})
-
-
-def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="uniform_first"):
-        OptimisticSettings(uniform_first=-1)
-    with pytest.raises(ParameterError, match="uniform_share"):
-        OptimisticSettings(uniform_share=1.0)
-    with pytest.raises(ParameterError, match="even_share"):
-        OptimisticSettings(even_share=1.1)
-    with pytest.raises(ParameterError, match="angle_intervals"):
-        HierarchySettings(angle_intervals=1)
+def test_climbers_slide_along_an_oblique_wall_to_its_end():
+    """Usable where x + y <= 0.3: steps along x or y alone end anywhere on the wall."""
+    sets, highest = hierarchy().sets, []
+    made = Climbers(sets, 40, np.random.default_rng(3))
+    places = np.random.default_rng(4).uniform((0.0, 0.0, 0.5), (0.1, 0.1, 3.0), (90, 3))
+    made.begin(np.zeros(90, int), places, places[:, 0])
+    for _ in range(1000):
+        of, at, values = made.propose()
+        if not len(of):
+            break
+        assert ((sets.low[of] <= at) & (at <= sets.high[of])).all()
+        highest.append(values.max())
+        ups = at[:, 0] - 0.5 * at[:, 1] - 0.02 * np.abs(at[:, 2] - 6.0)
+        made.learn(ups, at[:, 0] + at[:, 1] <= 0.3)
+    assert not len(of)
+    assert max(highest) > 0.299
 
 
 class LowerHalf:
@@ -282,13 +272,14 @@ class LowerHalf:
 
 
 def test_parts_that_are_ruled_out_are_not_sampled():
-    def upper_share(*bounds):
-        settings = {"samples_per_call": 6000, "uniform_first": 2000, "uniform_share": 0.0}
-        made, checker = sampler(OptimisticSampler, bounds=bounds, **settings)
-        made.sample_goals(-1e-9, never)
-        return (np.array(checker.contacts)[3000:, 1] > 0.2).mean()
+    def parts_beyond(*bounds):
+        made, _ = sampler(OptimisticSampler, bounds=bounds, samples_per_call=6000)
+        made.sample_goals(0.0, never)
+        filed = made._filed[made._worth >= 0.0]
+        return ((filed["depth"] > 0) & (filed["low"][:, 1] >= 0.2)).any()
 
-    assert 4.0 * upper_share(LowerHalf()) < upper_share()
+    assert not parts_beyond(LowerHalf())
+    assert parts_beyond()
 
 
 class BetterInTheLowerHalf:

@@ -9,7 +9,7 @@ from helpers.tilts import tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.search.pruning import Cause
+from placement_planner_ros.core.sample_goals.remainder import Cause
 from placement_planner_ros.core.types import upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns

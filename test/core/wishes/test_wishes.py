@@ -9,7 +9,7 @@ from checker import SolutionChecker, check_asked
 from helpers.wishes import requests
 
 from placement_planner_ros.core.objective.by_name import term_names
-from placement_planner_ros.core.search.pruning import Cause
+from placement_planner_ros.core.sample_goals.remainder import Cause
 from placement_planner_ros.ros.node_words import in_node_words
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -9,9 +9,11 @@ import math
 
 import numpy as np
 
-from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.contacts.by_polygon import PolygonSupport
-from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.contacts.by_vertices import VertexSupport
+from placement_planner_ros.core.contacts.placed_cells import PlacedCells
+from placement_planner_ros.core.contacts.support_settings import SupportSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.layers import LAYER_STEP_M
 from placement_planner_ros.core.types import SINGLE_ROUNDING, Array, Mask, Slope, TargetVolume
 
@@ -30,16 +32,19 @@ class SupportBound:
     """Whether what carries the object may be there, and the centre of mass in V.
 
     Args:
-        poses: s(x), of one problem.
+        problem: its body has the faces that are judged.
+        support, footing: s(x) of these.
     """
 
-    def __init__(self, poses: PoseConstraints) -> None:
-        body, support = poses.problem.body, poses.faces.support
-        self._environment = poses.problem.environment
-        self._volume = poses.problem.volume
-        self._tolerance = poses.footing.contact_tolerance
+    def __init__(
+        self, problem: Problem, support: VertexSupport | PolygonSupport, footing: SupportSettings
+    ) -> None:
+        body = problem.body
+        self._environment = problem.environment
+        self._volume = problem.volume
+        self._tolerance = footing.contact_tolerance
         self._polygon = support if isinstance(support, PolygonSupport) else None
-        self._margin = None if self._polygon else poses.footing.edge_margin
+        self._margin = None if self._polygon else footing.edge_margin
         self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
         self._centers = self._centers.reshape(-1, 1, 3)
         # The corners of each face about the contact point, on its plane.
