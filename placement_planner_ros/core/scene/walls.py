@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -160,7 +160,7 @@ def find_walls(
         own = fits[np.argmax(many)] & left
         if own.sum() < FEWEST_PATCHES:
             break
-        normal, offset = patches.plane(rows[own])
+        normal, offset, scatter = patches.plane(rows[own])
         own |= left & patches.in_planes(rows, normal[None], np.array([offset]), noise)[0]
         left &= ~own
         if abs(normal[2]) <= math.sin(STEEPEST_LEAN_RAD):
@@ -170,7 +170,9 @@ def find_walls(
                 both.append(Wall(rotation, side * offset, extent, points, measured, tuple(views)))
             # Behind a side that was seen there may be more of the wall than a sheet.
             seen = [wall for wall in both if wall.is_seen()]
-            walls += seen or both
+            # What is no noise is another side, of a sheet that is so thin.
+            thick = math.sqrt(max(scatter**2 - measured.noise**2, 0.0))
+            walls += seen if len(seen) == 1 else [replace(w, offset=w.offset + thick) for w in both]
     return tuple(walls)
 
 
@@ -222,14 +224,15 @@ class _WallPatches:
         scatter[(many < FEWEST_POINTS) | (values[:, 1] < (0.1 * TILE_M) ** 2)] = np.inf
         return cls(many.astype(np.float64), middles, spreads, vectors[:, :, 0], scatter)
 
-    def plane(self, rows: Index) -> tuple[Array, float]:
-        """Unit normal (3,) and offset, m, of the plane of all points of some cubes."""
+    def plane(self, rows: Index) -> tuple[Array, float, float]:
+        """Unit normal (3,) and offset, m, of the plane of all points of some cubes, and their
+        standard deviation along it, m."""
         share = self.counts[rows] / self.counts[rows].sum()
         middle = share @ self.middles[rows]
         off = self.middles[rows] - middle
         spread = np.einsum("n,nij->ij", share, self.spreads[rows] + off[:, :, None] * off[:, None])
-        normal = np.linalg.eigh(spread)[1][:, 0]
-        return normal, float(normal @ middle)
+        values, vectors = np.linalg.eigh(spread)
+        return vectors[:, 0], float(vectors[:, 0] @ middle), math.sqrt(max(float(values[0]), 0.0))
 
     def in_planes(self, rows: Index, normals: Array, offsets: Array, off: float) -> Mask:
         """(k, n) which of some cubes are of planes (k, 3) and (k,), their middles no further than
