@@ -13,7 +13,7 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
-from placement_planner_ros.core.types import LEVEL, TargetVolume
+from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,
     DepthCamera,
@@ -76,9 +76,9 @@ def leaning_poses(contact, rng, most, tries=300):
         open_ = [k for k in range(len(contact.frames)) if contact.ranges(k, region)]
         feature = np.array([rng.choice(open_)])
         T = contact.poses(feature, region.sample(rng)[None], np.zeros(1), None)
-        if contact.stable(T, feature, LEVEL)[0] and contact.held(T, feature)[0]:
+        if contact.stable(T, feature, region.slope)[0] and contact.held(T, feature)[0]:
             heights = np.array([region.z])
-            if contact.free(T, feature, heights, 0.05, LEVEL)[0]:
+            if contact.free(T, feature, heights, 0.05, region.slope)[0]:
                 found.append((T[0], int(feature[0])))
         if len(found) == most:
             break
@@ -89,20 +89,21 @@ def _floor(end=0.9, top=0.0):
     return box("floor", (-0.1, -0.7, -0.1), (end, 0.7, top), GREY)
 
 
+def _off_level(degrees):
+    """The floor, turned about a level line askew to all walls."""
+    turn = pin.exp3(np.deg2rad(degrees) * np.array([0.8, 0.6, 0.0]))
+    return ConvexPrimitive("floor", _floor().vertices @ turn.T, GREY)
+
+
 def _wall(x=0.7, height=0.5, low=-0.6, high=0.6):
     return box("wall", (x, low, -0.1), (x + 0.1, high, height), GREY)
 
 
 def _askew(degrees, height=0.4):
     """A wall that leans back by so much."""
-    away = height * np.tan(np.deg2rad(degrees))
-    corners = [
-        (x + (away if z else 0.0), y, z)
-        for x in (0.7, 0.8)
-        for y in (-0.6, 0.6)
-        for z in (0.0, height)
-    ]
-    return ConvexPrimitive("wall", np.array(corners), GREY)
+    upright = box("wall", (0.7, -0.6, 0.0), (0.8, 0.6, height), GREY).vertices
+    back = np.outer(upright[:, 2] * np.tan(np.deg2rad(degrees)), (1.0, 0.0, 0.0))
+    return ConvexPrimitive("wall", upright + back, GREY)
 
 
 def _l_shape(rng):
@@ -130,27 +131,25 @@ def situations(seed):
 
     bottle = trimesh.creation.cylinder(draw(0.03, 0.04), draw(0.18, 0.24), sections=48)
     plain = (_floor(), _wall())
+    cabinet = box("cabinet", (0.62, -0.2, 0.0), (0.85, 0.2, 0.4), GREY)
+    turned = standing_box("box", (0.12, 0.3, 0.25), (0.65, 0.0), 0.5, 0.0, GREY)
+    side = box("side", (0.3, 0.25, 0.0), (0.7, 0.35, 0.5), GREY)
+    roof = box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.13), GREY)
+    posts = [box("post", (0.7, y, 0.0), (0.72, y + 0.02, 0.5), GREY) for y in (-0.45, 0.43)]
     return [
         LeanSituation("book", True, book(), plain),
         LeanSituation("tray", True, tray(), plain),
-        LeanSituation("rough tray", True, tray(), plain, {"friction": 0.7}),
+        LeanSituation("rough tray", True, tray(), (_off_level(1.0), _wall()), {"friction": 0.7}),
         LeanSituation(
             "cabinet side",
             True,
             plate((0.01, 0.015), (0.2, 0.25), (0.28, 0.33)),
-            (_floor(), box("cabinet", (0.62, -0.2, 0.0), (0.85, 0.2, 0.4), GREY)),
+            (_floor(), cabinet),
         ),
-        LeanSituation(
-            "turned box",
-            True,
-            book(),
-            (_floor(), standing_box("box", (0.12, 0.3, 0.25), (0.65, 0.0), 0.5, 0.0, GREY)),
-        ),
+        LeanSituation("turned box", True, book(), (_floor(), turned)),
         LeanSituation("leaning wall", True, book(), (_floor(), _askew(draw(6.0, 10.0)))),
         LeanSituation("overhang", True, book(), (_floor(), _askew(-draw(4.0, 7.0)))),
-        LeanSituation(
-            "corner", True, book(), (*plain, box("side", (0.3, 0.25, 0.0), (0.7, 0.35, 0.5), GREY))
-        ),
+        LeanSituation("corner", True, book(), (*plain, side)),
         LeanSituation(
             "box of cereals", True, plate((0.05, 0.07), (0.15, 0.19), (0.25, 0.3)), plain
         ),
@@ -165,24 +164,8 @@ def situations(seed):
         LeanSituation("no wall", False, book(), (_floor(0.6, 0.01),)),
         LeanSituation("wall beyond a gap", False, book(), (_floor(0.5), _wall())),
         LeanSituation("steep", False, book(), (_floor(), _askew(draw(24.0, 30.0)))),
-        LeanSituation(
-            "posts",
-            False,
-            tray(),
-            (
-                _floor(),
-                *(
-                    box(f"post {k}", (0.7, y, 0.0), (0.72, y + 0.02, 0.5), GREY)
-                    for k, y in enumerate((-0.45, 0.43))
-                ),
-            ),
-        ),
-        LeanSituation(
-            "headroom",
-            False,
-            book(),
-            (_floor(), _wall(height=0.13), box("roof", (0.2, -0.6, 0.09), (0.8, 0.6, 0.13), GREY)),
-        ),
+        LeanSituation("posts", False, tray(), (_floor(), *posts)),
+        LeanSituation("headroom", False, book(), (_floor(), _wall(height=0.13), roof)),
     ]
 
 

@@ -1,15 +1,16 @@
-"""An edge of the object on a level surface, the object against a wall: the second contact class.
+"""An edge of the object on a surface, the object against a wall: the second contact class.
 
 A feature is an edge of the hull with one side of one wall. Its reference point, the middle of the
 edge, is placed on the surface before the wall, where the edge runs along the wall's foot: so the
 place along the foot and the distance from it are what is free, and the distance says by how much
-the object leans.
+the object leans. Where the surface is off level, up is out of it.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -26,9 +27,11 @@ from placement_planner_ros.core.contacts.lean_features import (
     Reach,
     Reaches,
     Strips,
-    distinct_heights,
+    distinct_surfaces,
     is_held,
     least_lever,
+    rise_above,
+    touched_length,
 )
 from placement_planner_ros.core.contacts.support_settings import SupportSettings
 from placement_planner_ros.core.problem import Problem
@@ -40,13 +43,13 @@ from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import (
     FULL_TURN,
-    LEVEL,
     Array,
     Contact,
     Index,
     Mask,
     Resting,
     Slope,
+    upright,
 )
 
 ANY_ANGLE: Ranges = ((0.0, FULL_TURN / 256),)
@@ -54,7 +57,7 @@ ANY_ANGLE: Ranges = ((0.0, FULL_TURN / 256),)
 
 
 class LeanContact:
-    """Edges of the object on level surfaces, against walls.
+    """Edges of the object on surfaces, against walls.
 
     Args:
         collision: c_f(x)'s margin, and how far from what carries it the object may be.
@@ -68,40 +71,46 @@ class LeanContact:
         self._collision = ObjectCollision(problem.body, problem.environment.obstacles, collision)
         self._edges = lean_edges(problem.body.vertices)
         self._reaches = Reaches(self._edges, problem.body.center_of_mass, footing)
-        self._heights = distinct_heights(problem.environment.regions, footing.contact_tolerance)
-        self._strips = Strips(problem.environment, self._heights, footing)
-        tolerance, lowest = footing.contact_tolerance, min(self._heights, default=math.inf)
-        # what ends at a surface, to half a tile, is that surface's own side
-        above = lowest + tolerance + 0.5 * TILE_M
-        self._walls = [w for w in problem.environment.walls if w.top > above]
-        self._behind = functools.cache(
-            lambda wall: self._walls[wall].is_behind(problem.environment.obstacles, tolerance)
-        )
-        self._touchable: dict[tuple[int, float], BoxArrays] = {}
+        self._strips = Strips(problem.environment, footing)
+        tolerance = footing.contact_tolerance
+        surfaces = distinct_surfaces(problem.environment.regions, tolerance)
+        # Each wall once for every slope of surfaces above which it rises: what ends at a surface,
+        # to half a tile, is that surface's own side.
+        before = [
+            (wall, slope)
+            for wall in problem.environment.walls
+            for slope, alike in surfaces.items()
+            if max(rise_above(each, wall) for each in alike) > tolerance + 0.5 * TILE_M
+        ]
+        self._no_surface, self._walls = not surfaces, [wall for wall, _ in before]
+        self._slopes = np.array([slope for _, slope in before]).reshape(-1, 2)
+        self._boxes = functools.cache(self._boxes_before)
+        # The planes, and axes out of each wall along its surface, along its foot, and up.
+        self._planes = np.array([[*w.normal, -w.offset] for w in self._walls]).reshape(-1, 4)
+        up, normals = upright(self._slopes)[:, :, 2], self._planes[:, :3]
+        along = np.cross(up, normals)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        self._frames = np.stack([np.cross(along, up), along, up], axis=2)
+        self._tilts = np.arcsin((normals * up).sum(axis=1))
+        self._openings = normals + up
+        self._openings /= np.linalg.norm(self._openings, axis=1, keepdims=True)
         # Each feature is an edge with a wall and how it leans there; strips are for some of these.
         self._regions: dict[Region, tuple[int, Reach]] = {}
         self._features: list[tuple[int, Reach]] = []
         edges: list[int] = []
-        for number, wall in enumerate(self._walls):
-            reaches = self._reaches.before(wall.tilt)
-            strips = self._strips.before(wall, dict.fromkeys(reaches.values()))
+        for number, (wall, slope) in enumerate(before):
+            reaches = self._reaches.before(float(self._tilts[number]))
+            strips = self._strips.before(wall, surfaces[slope], dict.fromkeys(reaches.values()))
             self._regions |= {strip: (number, reach) for strip, reach in strips}
             used = {reach for _, reach in strips}
             own = [(edge, reach) for edge, reach in reaches.items() if reach in used]
             edges += [edge for edge, _ in own]
             self._features += [(number, reach) for _, reach in own]
-        # The same as arrays, of features and of walls.
+        # The same as arrays.
         self._edge_of = np.array(edges, np.int64)
         self._wall_of = np.array([wall for wall, _ in self._features], np.int64)
         ends = [(reach.nearest, reach.farthest) for _, reach in self._features]
         self._ends = np.array(ends).reshape(-1, 2)
-        self._tilts = np.array([wall.tilt for wall in self._walls])
-        # axes horizontally out of each wall, along its foot, and up; and the plane
-        frames = [np.array([[*w.outward, 0.0], w.rotation[0], [0, 0, 1]]).T for w in self._walls]
-        self._frames = np.array(frames).reshape(-1, 3, 3)
-        self._planes = np.array([[*w.normal, -w.offset] for w in self._walls]).reshape(-1, 4)
-        ways = self._planes[:, :3] + [0.0, 0.0, 1.0]
-        self._openings = ways / np.linalg.norm(ways, axis=1, keepdims=True)
         self.references = self._edges.references[self._edge_of]
         self.frames: tuple[pin.SE3 | None, ...] = (None,) * len(edges)
 
@@ -115,7 +124,7 @@ class LeanContact:
         return ANY_ANGLE if self._regions[region] == self._features[feature] else ()
 
     def _distances(self, features: Index, points: Array) -> Array:
-        """(n,) m of points (n, 3) horizontally from the walls of features."""
+        """(n,) m of points (n, 3) from the walls of features, along surfaces before these."""
         planes = self._planes[self._wall_of[features]]
         away = (points * planes[:, :3]).sum(axis=1) + planes[:, 3]
         return np.asarray(away / np.cos(self._tilts[self._wall_of[features]]))
@@ -137,18 +146,19 @@ class LeanContact:
         result = np.asarray((distances >= ends[:, 0]) & (distances <= ends[:, 1]))
         rows = np.flatnonzero(result)
         if len(rows):
-            result[rows] = self._on_surfaces(T[rows], features[rows])
+            result[rows] = self._on_surfaces(T[rows], features[rows], slope)
         return result
 
-    def _on_surfaces(self, T: Array, features: Index) -> Mask:
+    def _on_surfaces(self, T: Array, features: Index, slope: Slope) -> Mask:
         """(n,) whether what touches is measured surface."""
         corners, floor, against = self._touching(T, features)
         walls = self._wall_of[features]
         along = (corners * self._frames[walls][:, None, :, 1]).sum(axis=2)
-        result = np.asarray((floor.sum(axis=1) >= 2) & against.any(axis=1))
+        near = (corners * self._planes[walls][:, None, :3]).sum(axis=2)
+        result = (floor.sum(axis=1) >= 2) & (touched_length(along, near) >= SHORTEST_M)
         # Measured surface under all that touches, on the floor and on each wall.
         rows = np.flatnonzero(result)
-        support = self._environment.support
+        support = self._environment.support_of(slope)
         result[rows] = self._carried(support, corners[rows], floor[rows], along[rows])
         for wall in np.unique(walls[result]):
             rows = np.flatnonzero(result & (walls == wall))
@@ -164,20 +174,23 @@ class LeanContact:
         result = np.zeros(len(T), np.bool_)
         for row, wall in enumerate(self._wall_of[features]):
             step("looking which leaning poses friction holds")
-            # In axes of the wall's foot.
+            # In axes of the wall's foot, in which the weight is aside by the slope.
+            aside = self._footing.stability_margin + float(np.hypot(*self._slopes[wall]))
+            footing = replace(self._footing, stability_margin=aside)
             frame, tilt = self._frames[wall], float(self._tilts[wall])
             under, behind = (corners[row][on[row]] @ frame for on in (floor, against))
             lever = behind[:, 2].min() - under[:, 2].mean()
-            result[row] = lever >= least_lever(self._footing) and is_held(
-                under, behind, tilt, centers[row] @ frame, self._footing
+            result[row] = lever >= least_lever(footing) and is_held(
+                under, behind, tilt, centers[row] @ frame, footing
             )
         return result
 
     def _touching(self, T: Array, features: Index) -> tuple[Array, Mask, Mask]:
         """(n, k, 3) corners in the world, (n, k) which are on the surface and which on the wall."""
         corners = self._edges.corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        planes = self._planes[self._wall_of[features]]
-        low = corners[..., 2] - corners[..., 2].min(axis=1, keepdims=True)
+        walls = self._wall_of[features]
+        planes, heights = self._planes[walls], corners @ self._frames[walls][:, :, 2:]
+        low = (heights - heights.min(axis=1, keepdims=True))[..., 0]
         near = np.einsum("nkj,nj->nk", corners, planes[:, :3]) + planes[:, 3:]
         return corners, low <= TOUCHING_M, near <= TOUCHING_M
 
@@ -203,18 +216,16 @@ class LeanContact:
         found = np.zeros(len(T), np.bool_)
         for k, (pose, number, height) in enumerate(zip(T, features, heights, strict=True)):
             step("looking which leaning poses are free")
-            boxes = self._boxes_before(int(self._wall_of[number]), float(height))
+            boxes = self._boxes(int(self._wall_of[number]), float(height), slope)
             found[k] = self._collision.free_along(pose, self.opening(number), raised, boxes)
         return found
 
-    def _boxes_before(self, wall: int, height: float) -> BoxArrays:
+    def _boxes_before(self, wall: int, height: float, slope: Slope) -> BoxArrays:
         """The obstacle set; what is of a wall, or of a surface, may be touched."""
-        if (wall, height) not in self._touchable:
-            behind, tops = self._behind(wall), self._environment.obstacles.tops(LEVEL)
-            below = tops <= height + self._footing.contact_tolerance
-            leant_on = (below | behind) & ~np.isinf(tops)
-            self._touchable[wall, height] = self._collision.boxes_touching(leant_on)
-        return self._touchable[wall, height]
+        obstacles, tolerance = self._environment.obstacles, self._footing.contact_tolerance
+        behind, tops = self._walls[wall].is_behind(obstacles, tolerance), obstacles.tops(slope)
+        leant_on = ((tops <= height + tolerance) | behind) & ~np.isinf(tops)
+        return self._collision.boxes_touching(leant_on)
 
     def opening(self, feature: int) -> Array:
         """(3,) between up and out of the wall."""
@@ -222,10 +233,10 @@ class LeanContact:
 
     def moved(self, T_world_object: pin.SE3, contact: Contact, change: Array) -> pin.SE3 | None:
         """The middle of the edge moved on its surface, the object against the wall again."""
-        number = np.array([contact.feature])
+        number, wall = np.array([contact.feature]), self._wall_of[contact.feature]
         point = T_world_object.act(self.references[contact.feature])[None]
-        point[0, :2] += change[:2]
-        tilt = self._tilts[self._wall_of[number]]
+        point[0] += (*change[:2], float(self._slopes[wall] @ change[:2]))
+        tilt = self._tilts[[wall]]
         distance = self._distances(number, point)
         if not np.isfinite(self._edges.turns(self._edge_of[number], distance, tilt)).all():
             return None
@@ -233,10 +244,12 @@ class LeanContact:
 
     def excluded(self, features: Index, heights: Array, low: Array, high: Array) -> Mask:
         """(n,) boxes all of which is nearer to the wall, or farther, than where the edge stays."""
-        middles = np.column_stack([0.5 * (low + high)[:, :2], heights])
         walls, half = self._wall_of[features], 0.5 * (high - low)[:, :2]
+        slopes, middles = self._slopes[walls], 0.5 * (low + high)
+        middles[:, 2] = heights + (middles[:, :2] * slopes).sum(axis=1)
         # a box reaches so much nearer than its middle, and farther
-        spread = (half * np.abs(self._frames[walls][:, :2, 0])).sum(axis=1)
+        out = self._frames[walls][:, :, 0]
+        spread = (half * np.abs(out[:, :2] + out[:, 2:] * slopes)).sum(axis=1)
         away, ends = self._distances(features, middles), self._ends[features]
         return np.asarray((away + spread < ends[:, 0]) | (away - spread > ends[:, 1]))
 
@@ -244,9 +257,8 @@ class LeanContact:
         """On corners on the surface, and on the wall, by where that is and where it faces."""
         corners, low, near = self._touching(T_world_object.homogeneous[None], np.array([feature]))
         floor, against = corners[0][low[0]], corners[0][near[0]]
-        wall = self._wall(feature)
-        up, out = np.array([0.0, 0.0, 1.0]), wall.normal
-        normals = [np.tile(n, (len(of), 1)) for n, of in ((up, floor), (out, against))]
+        wall, up = self._wall(feature), self._frames[self._wall_of[feature]][:, 2]
+        normals = [np.tile(n, (len(of), 1)) for n, of in ((up, floor), (wall.normal, against))]
         return Resting(
             "lean",
             f"the {wall}",
@@ -257,41 +269,34 @@ class LeanContact:
         )
 
     def missing(self) -> Missing | None:
-        """The first that there is none of: a level surface, an edge, a wall, an edge that stays
+        """The first that there is none of: a surface, an edge, a wall, an edge that stays
         before it, a surface there, a wall that is high enough."""
         if self._features:
             return None
-        if not self._heights:
-            words = "there is no level surface in `volume` for an edge to stand on"
-            return Missing(words, "volume", "choose one with a level surface")
+        if self._no_surface:
+            return Missing("there is no surface in `volume`", "volume", "choose one with a surface")
         if not len(self._edges):
             words = f"no edge of the object's hull is {1000 * SHORTEST_M:g} mm long to stand on"
             return Missing(words, "body", "check it and `scale`")
         if not self._walls:
             words = "no wall was found in or around `volume` to lean on"
-            steep = math.degrees(STEEPEST_LEAN_RAD)
-            upright = f"choose one before a wall, {steep:g} degrees off upright at most"
-            return Missing(words, "volume", upright)
-        for wall in self._walls:
-            reaches = dict.fromkeys(self._reaches.before(wall.tilt).values())
-            self._strips.before(wall, reaches, too_low=True)
-        return self._lacking()[max(self._reaches.lack, self._strips.lack)]
+            steep = f"{math.degrees(STEEPEST_LEAN_RAD):g} degrees off upright at most"
+            return Missing(words, "volume", f"choose one before a wall, {steep}")
+        return self._lacking()[self._strips.lack or self._reaches.lack(self._tilts.tolist())]
 
     def _lacking(self) -> dict[Lack, Missing]:
         """What is said of each."""
-        footing, highest = self._footing, self._reaches.highest
-        rise, touches = self._strips.lowest
+        footing, (rise, touches) = self._footing, self._strips.lowest
         return {
-            Lack.LONG_EDGE: Missing(
-                "no edge of the object is long enough to lean on: it would roll, fall away from a "
-                "wall, or lean so far that it slides down",
+            Lack.ANY_EDGE: Missing(
+                "no edge of the object stays before a wall, however rough the surface: it would "
+                "roll, tip, fall away, touch the wall by one corner or too low, or slide down",
                 "body",
                 "check it and `scale`",
             ),
-            Lack.LEVER: Missing(
-                f"the object is too small to lean: it would touch a wall {highest:.3f} m above a "
-                f"surface, and below {least_lever(footing):.3f} m one that is off by "
-                f"contact_tolerance {footing.contact_tolerance:g} turns it too far",
+            Lack.EXACT_WALL: Missing(
+                "edges would stay only before walls that are off by less than contact_tolerance "
+                f"{footing.contact_tolerance:g}",
                 "contact_tolerance",
                 "lower it, if clouds are that exact",
             ),
@@ -299,12 +304,10 @@ class LeanContact:
                 f"leaning on a wall no edge stays with friction {footing.friction:g} and "
                 f"stability_margin {footing.stability_margin:g}",
                 "friction",
-                "raise it, if surfaces are rougher, lower stability_margin, or give "
-                "`center_of_mass`, if it is low",
+                "raise it, if surfaces are rougher, lower stability_margin or `center_of_mass`",
             ),
-            Lack.LENGTH: Missing(
-                "edges that friction would hold are too short: the object tips over their ends "
-                f"with stability_margin {footing.stability_margin:g}",
+            Lack.RESERVE: Missing(
+                f"no edge stays with stability_margin {footing.stability_margin:g}, but with 0",
                 "stability_margin",
                 "lower it",
             ),
@@ -319,16 +322,10 @@ class LeanContact:
                 "volume",
                 "choose one before a higher wall",
             ),
-            Lack.WIDTH: Missing(
-                "walls are narrower than what touches them",
-                "volume",
-                "choose one before a wider wall",
-            ),
             Lack.MEASURED: Missing(
-                "where an edge would stand before a wall, surface or wall ends or was not seen at "
-                "the ends of what touches",
+                "surface or wall ends, or was not seen, where the ends of an edge would touch them",
                 "volume",
-                "choose one before a wall that is known, or seen whole",
+                "choose one before a wider wall, or one that is known, or seen whole",
             ),
         }
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from checker import Solution, SolutionChecker, Task, Tolerances, balance, check_leaning
 from helpers.leaning import EYE, GREY, disturbed, leaning_poses, situations
 from helpers.problems import problem_of
@@ -66,13 +67,32 @@ def test_things_lean_where_they_can_and_nowhere_else(situation, cloud):
 
 @pytest.mark.parametrize(("cloud", "behind"), [("camera", False), ("complete", True)])
 def test_nothing_leans_behind_a_wall_that_was_seen_from_before_it(cloud, behind):
-    """There may be more of it; where nobody says from where it was seen, both sides are walls."""
-    panel = box("panel", (0.7, -0.6, 0.08), (0.8, 0.6, 0.6), GREY)
+    """There may be more of it; where nobody says from where it was seen, both sides are walls,
+    each where it is, however thin."""
+    panel = box("panel", (0.67, -0.6, 0.08), (0.672, 0.6, 0.6), GREY)
     hanging = replace(SITUATIONS[0], parts=(SITUATIONS[0].parts[0], panel))
     contact = hanging.contact(hanging.environment(cloud, np.random.default_rng(1)))
     used = [contact._wall(feature) for feature in range(len(contact.frames))]
     assert used
     assert any(wall.normal @ EYE < wall.offset for wall in used) == behind
+    for wall in used:
+        assert wall.offset == pytest.approx(0.672 if wall.normal[0] > 0.0 else -0.67, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("thing", "settings", "words"),
+    [  # of one corner above, asked too much, too thick, round, too thin
+        (trimesh.creation.cone(0.07, 0.2, sections=3), {}, "one corner"),
+        (SITUATIONS[0].thing, {"stability_margin": 1.0}, "stability_margin 1, but with 0"),
+        (trimesh.creation.box((0.1, 0.1, 0.1)), {"friction": 2.0}, "stability_margin 0.05, but"),
+        (trimesh.creation.icosphere(2, 0.05), {}, "roll"),
+        (trimesh.creation.cylinder(0.012, 0.25, sections=6), {}, "off by less than contact_toler"),
+    ],
+)
+def test_only_what_would_help_is_said_to_lack(thing, settings, words):
+    situation = replace(SITUATIONS[0], thing=thing, settings=settings)
+    contact = situation.contact(situation.environment("complete", np.random.default_rng(1)))
+    assert words in contact.missing().words
 
 
 @pytest.mark.parametrize(
@@ -108,21 +128,18 @@ def ladder(angle, half_width=0.1, length=0.3):
 
 @pytest.mark.parametrize("friction", [0.2, 0.3, 0.6])
 def test_a_plank_stays_as_far_as_friction_of_the_floor_says(friction):
-    """Pushed away from the wall, the floor has to hold half the push and tan(angle) / 2."""
+    """Pushed away from the wall, the floor has to hold half the push and tan(angle) / 2. Upright
+    it would fall away from the wall."""
     margin, out = 0.05, np.array([1.0, 0.0, 0.0])
     steepest = np.arctan(2.0 * friction - (margin + np.tan(TILT_RAD)))
-    for share, expected in ((0.5, True), (0.8, True), (1.01, False), (1.5, False)):
+    shares = (0.05 / steepest, False), (0.5, True), (0.8, True), (1.01, False), (1.5, False)
+    for share, expected in shares:
         floor, wall, center = ladder(share * steepest)
         assert stays(floor, wall, 0.0, center, friction, margin) == expected
         if expected:
             points, up = np.vstack([floor, wall]), [0.0, 0.0, 1.0]
             normals = np.array([up, up, out, out])
             assert not balance(points, normals, center, friction, margin)
-
-
-def test_upright_against_the_wall_it_would_fall_away_from_it():
-    floor, wall, center = ladder(0.05)
-    assert not stays(floor, wall, 0.0, center, 0.5, 0.05)
 
 
 def test_however_rough_the_floor_nothing_leans_so_far_that_its_foot_is_thrown_out():
