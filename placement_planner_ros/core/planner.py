@@ -129,7 +129,7 @@ class PlannerSettings(Settings):
     contacts: tuple[str, ...] = setting(
         ("face",),
         text="Contact classes that are looked for. face: a face of the object on a surface; lean: "
-        "an edge on a level surface, the object against a wall. None is slot, as no straight way "
+        "an edge on a surface, the object against a wall. None is slot, as no straight way "
         "opens contacts with two walls at once: in a slot, lean finds what rests against one wall.",
         choices=CONTACTS,
     )
