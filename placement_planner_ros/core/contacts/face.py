@@ -71,7 +71,7 @@ class FaceContact:
         return EVERY_TURN if self._turns is None else self._turns.ranges(feature, region.slope)
 
     def poses(self, features: Index, points: Array, angles: Array, slopes: Array | None) -> Array:
-        """(n, 4, 4) T(R_n R_z(θ), (x, y, z_r)) · fT_o of each, poses of Ŝ(r, f); on a level region R_n
+        """(n, 4, 4) T(R_n R_z(θ), (x, y, z_r)) · fT_o of each, poses of Ŝ(r, f); on level ones R_n
         is the identity."""
         turned = np.zeros((len(features), 4, 4))
         turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angles)
