@@ -6,5 +6,4 @@ import pinocchio as pin
 
 def placement_pose(face, contact, angle):
     """T(R_z(θ), (x, y, z_r)) · fT_o."""
-    turn = pin.exp3(np.array([0.0, 0.0, angle]))
-    return pin.SE3(turn, np.asarray(contact)) * face.T_face_object
+    return pin.SE3(pin.utils.rotate("z", angle), np.asarray(contact)) * face.T_face_object

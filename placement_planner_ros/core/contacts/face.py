@@ -17,15 +17,7 @@ from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import EVERY_TURN, Ranges
-from placement_planner_ros.core.types import (
-    Array,
-    Contact,
-    Index,
-    Mask,
-    Resting,
-    Slope,
-    upright,
-)
+from placement_planner_ros.core.types import Array, Contact, Index, Mask, Resting, Slope, upright
 from placement_planner_ros.core.wishes.turns import Turns
 
 

@@ -2,8 +2,9 @@
 
 What is best where clearance is minimised lies in pockets smaller than any cell that a search has
 time to split, but their basins are larger. Each climber is a (1+1) evolution strategy with the
-one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken and
-makes the next one twice as long; four others make it half as long.
+one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken, makes
+random ones twice as long, and is repeated until it fails, as walls are oblique; four steps that
+fail make them half as long.
 """
 
 from __future__ import annotations
@@ -22,9 +23,14 @@ _LAST_STEP_M = 5e-4
 _TURN_RADIUS_M = 0.1
 """m that one radian of θ counts as."""
 _CLIMBER = np.dtype(
-    [("set", np.int64), ("place", np.float64, 3), ("value", np.float64), ("step", np.float64)]
+    [
+        ("set", np.int64),
+        ("place", np.float64, 3),  # x, y and θ
+        ("value", np.float64),  # ξ there
+        ("step", np.float64),  # m, standard deviation
+        ("way", np.float64, 3),  # the last step where that was taken, else 0
+    ]
 )
-"""Pose set; x, y and θ; ξ; m."""
 
 
 class Climbers:
@@ -36,9 +42,7 @@ class Climbers:
     """
 
     def __init__(self, sets: PoseSets, most: int, rng: np.random.Generator) -> None:
-        self._sets = sets
-        self._most = most
-        self._rng = rng
+        self._sets, self._most, self._rng = sets, most, rng
         self._all = np.empty(0, dtype=_CLIMBER)
         self._next = self._all["place"]
 
@@ -50,17 +54,21 @@ class Climbers:
         along = np.eye(3)[self._rng.integers(3, size=len(own))]
         along[self._rng.random(len(own)) < 0.5] = 1.0
         steps = along * self._rng.normal(size=(len(own), 3)) * own["step"][:, None]
-        places = own["place"] + steps / (1.0, 1.0, _TURN_RADIUS_M)
-        # Within the pose set, all the way round in θ.
-        low, high = self._sets.low[own["set"]], self._sets.high[own["set"]]
-        places[:, 2] = low[:, 2] + (places[:, 2] - low[:, 2]) % math.tau
-        self._next = np.clip(places, low, high)
+        steps /= (1.0, 1.0, _TURN_RADIUS_M)
+        again = own["way"] * self._rng.uniform(0.5, 2.0, (len(own), 1))
+        places = own["place"] + np.where(np.any(again, axis=1, keepdims=True), again, steps)
+        # Thrown back at the ends of the pose set, but for a whole turn, which has none.
+        low = self._sets.low[own["set"]]
+        size = self._sets.high[own["set"]] - low
+        places = (places - low) % np.where(size < (np.inf, np.inf, math.tau), 2.0 * size, size)
+        self._next = low + np.minimum(places, 2.0 * size - places)
         return own["set"], self._next, own["value"]
 
     def learn(self, values: Array, usable: Mask) -> None:
         """Take the steps proposed last that lead higher, by ξ (n,) of where they lead and whether
         that is usable; those that have arrived are gone."""
         own, up = self._all, usable & (values > self._all["value"])
+        own["way"] = np.where(up[:, None], self._next - own["place"], 0.0)
         own["place"][up], own["value"][up] = self._next[up], values[up]
         own["step"] = np.minimum(own["step"] * np.where(up, 2.0, 0.5**0.25), _FIRST_STEP_M)
         self._all = own[own["step"] > _LAST_STEP_M]

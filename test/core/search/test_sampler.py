@@ -252,11 +252,9 @@ def test_climbers_slide_along_an_oblique_wall_to_its_end():
     made.begin(np.zeros(90, int), places, places[:, 0])
     for _ in range(1000):
         of, at, values = made.propose()
-        if not len(of):
-            break
         assert ((sets.low[of] <= at) & (at <= sets.high[of])).all()
-        highest.append(values.max())
-        ups = at[:, 0] - 0.5 * at[:, 1] - 0.02 * np.abs(at[:, 2] - 6.0)
+        highest.extend(values)
+        ups = at[:, 0] + 0.5 * at[:, 1] - 0.02 * np.abs(at[:, 2] - 6.0)
         made.learn(ups, at[:, 0] + at[:, 1] <= 0.3)
     assert not len(of)
     assert max(highest) > 0.299
@@ -330,13 +328,8 @@ def test_it_goes_on_where_pruning_leaves_next_to_nothing():
 
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
 def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
-    made, checker = sampler(
-        OptimisticSampler,
-        samples_per_call=4000,
-        goals_per_call=10_000,
-        uniform_first=100_000,
-        even_share=even,
-    )
+    budget = {"samples_per_call": 4000, "goals_per_call": 10_000, "uniform_first": 100_000}
+    made, checker = sampler(OptimisticSampler, even_share=even, **budget)
     made.sample_goals(-np.inf, never)
     in_strip = np.mean([contact[0] > 0.5 for contact in checker.contacts])
     assert in_strip == pytest.approx((1 - even) * 0.01 / 0.17 + even * 0.5, abs=0.03)
