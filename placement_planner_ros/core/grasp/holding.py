@@ -102,10 +102,9 @@ class Holding:
         self._reserve = settings.collision.planning_reserve
         self._left = self._reserve + settings.collision.edge_resolution
         # Heights of the waypoints above contact, the least one among them.
-        way = settings.approach
-        steps = max(1, round(way.approach_distance / way.approach_step))
-        heights = np.linspace(0.0, way.approach_distance, steps + 1)[1:]
-        self._heights = np.unique(np.append(heights, way.approach_minimum))
+        steps = max(1, round(self._settings.approach_distance / self._settings.approach_step))
+        heights = np.linspace(0.0, self._settings.approach_distance, steps + 1)[1:]
+        self._heights = np.unique(np.append(heights, self._settings.approach_minimum))
         self._stray = settings.collision.approach_stray
         # The box around the object.
         vertices = held.body.vertices
@@ -143,12 +142,13 @@ class Holding:
             opens = self.open_hand.releases_free(T_world_tip[near], self.tip_slack)
             verdicts[near[~opens]] = Verdict.NO_RELEASE
             near = near[opens]
-        # Raised to one of these heights the hand with the object can be left.
+        # Raised to the least of these heights, or to others, hand and object can be left.
         verdicts[near] = Verdict.NO_APPROACH
-        for height in self._heights.tolist():
-            T_raised = T_world_tip[near]
-            T_raised[:, :3, 3] += height * openings[near]
-            free = self.collision.hands_free(T_raised, self.tip_slack, self._left)
+        for heights in np.split(self._heights, [1]) if len(near) else ():
+            T_raised = np.repeat(T_world_tip[None, near], len(heights), axis=0)
+            T_raised[..., :3, 3] += heights[:, None, None] * openings[near]
+            free = self.collision.hands_free(T_raised.reshape(-1, 4, 4), self.tip_slack, self._left)
+            free = free.reshape(len(heights), -1).any(axis=0)
             verdicts[near[free]] = Verdict.FEASIBLE
             near = near[~free]
         return verdicts
