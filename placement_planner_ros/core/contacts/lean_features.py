@@ -80,7 +80,7 @@ class Reaches:
 
     Args:
         center: (3,) of mass, in the object's frame.
-
+        footing: friction, reserve and tolerance with which an edge must stay.
     """
 
     def __init__(self, edges: LeanEdges, center: Array, footing: SupportSettings) -> None:
