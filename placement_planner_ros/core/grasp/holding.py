@@ -148,9 +148,9 @@ class Holding:
             T_raised = np.repeat(T_world_tip[None, near], len(heights), axis=0)
             T_raised[..., :3, 3] += heights[:, None, None] * openings[near]
             free = self.collision.hands_free(T_raised.reshape(-1, 4, 4), self.tip_slack, self._left)
-            free = free.reshape(len(heights), -1).any(axis=0)
-            verdicts[near[free]] = Verdict.FEASIBLE
-            near = near[~free]
+            left = free.reshape(len(heights), -1).any(axis=0)
+            verdicts[near[left]] = Verdict.FEASIBLE
+            near = near[~left]
         return verdicts
 
     def configurations(
