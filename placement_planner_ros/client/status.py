@@ -82,9 +82,8 @@ class Status:
         # where warming up has failed runs begin all the same
         if values.get("warm") not in ("true", "failed"):
             lacking.append(values.get("warm_progress") or "loading kernels")
-        for what in ("robot", "object"):
-            if values.get(what) == "reading":
-                lacking.append(f"reading the {what}")
+        read = (what for what in ("robot", "object") if values.get(what) == "reading")
+        lacking += [f"reading the {what}" for what in read]
         if values.get("inputs", "arrive") != "arrive":
             lacking.append(f"inputs: {values['inputs']}")
         return "; ".join(lacking)

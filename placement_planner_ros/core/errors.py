@@ -56,7 +56,8 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        parts = map(_shortened_words, (field, _shown_value(value), remedy))
+        words, most = (field, _shown_value(value), remedy), MAX_PART_LETTERS
+        parts = (each if len(each) <= most else f"{each[:most]}..." for each in words)
         super().__init__("{} = {}: {}".format(*parts))
 
 
@@ -67,11 +68,6 @@ def _shown_value(value: object) -> str:
     if isinstance(value, Mapping) and len(value) > NAMED_THINGS:
         return f"{{{listed([f'{key!r}: {each!r}' for key, each in value.items()])}}}"
     return repr(value)
-
-
-def _shortened_words(words: str) -> str:
-    """The words, or what fits of them."""
-    return words if len(words) <= MAX_PART_LETTERS else f"{words[:MAX_PART_LETTERS]}..."
 
 
 class ParameterError(PlacementPlannerError):

@@ -38,7 +38,7 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.rasters import TILE_M
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD, Wall
+from placement_planner_ros.core.scene.walls import STEEPEST_LEAN_RAD
 from placement_planner_ros.core.search.hierarchy import Ranges
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import (
@@ -257,7 +257,7 @@ class LeanContact:
         """On corners on the surface, and on the wall, by where that is and where it faces."""
         corners, low, near = self._touching(T_world_object.homogeneous[None], np.array([feature]))
         floor, against = corners[0][low[0]], corners[0][near[0]]
-        wall, up = self._wall(feature), self._frames[self._wall_of[feature]][:, 2]
+        wall, up = self._walls[of_wall := self._wall_of[feature]], self._frames[of_wall][:, 2]
         normals = [np.tile(n, (len(of), 1)) for n, of in ((up, floor), (wall.normal, against))]
         return Resting(
             "lean",
@@ -328,6 +328,3 @@ class LeanContact:
                 "choose one before a wider wall, or one that is known, or seen whole",
             ),
         }
-
-    def _wall(self, feature: int) -> Wall:
-        return self._walls[self._wall_of[feature]]

@@ -179,14 +179,11 @@ class GoalFinder:
             yield Verdict.NO_IK
         # A pose turned otherwise is judged anew.
         for x, Q in places:
-            turned = wanted if x is wanted.x else replace(wanted, x=x)
-            verdict = Verdict.FEASIBLE
-            if turned is not wanted:
-                turned, verdict = self._judged(turned, best)
-            if verdict is not Verdict.FEASIBLE:
-                yield verdict
-                continue
-            yield self._placed(holding, turned, holding.free_ones(Q))
+            turned, verdict = wanted, Verdict.FEASIBLE
+            if x is not wanted.x:
+                turned, verdict = self._judged(replace(wanted, x=x), best)
+            free = verdict is Verdict.FEASIBLE
+            yield self._placed(holding, turned, holding.free_ones(Q)) if free else verdict
 
     def _judged(self, pose: Wanted, best: float) -> tuple[Wanted, Verdict]:
         """A pose that was not drawn: the same with its ξ, and the first check that it fails."""

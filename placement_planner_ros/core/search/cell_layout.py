@@ -67,10 +67,9 @@ class PoseSets:
 
     def draws(self, sets: Index, places: Array) -> Draws:
         """The poses at places (n, 3) of sets (n,), for any arm and grasp."""
-        any_will_do = np.full(len(sets), -1)
+        any_one = np.full(len(sets), -1)
         contact = self.contact_points(sets, places[:, :2])
-        slope = self.slope[sets]
-        return Draws(any_will_do, any_will_do, self.face[sets], contact, places[:, 2], slope)
+        return Draws(any_one, any_one, self.face[sets], contact, places[:, 2], self.slope[sets])
 
 
 def halved_cells(cells: Cells) -> Cells:

@@ -1,10 +1,14 @@
-"""Climbers: usable poses that move uphill by random steps, so that small pockets are found.
+"""Climbers: free poses that move uphill by random steps, so that small pockets are found.
 
 What is best where clearance is minimised lies in pockets smaller than any cell that a search has
 time to split, but their basins are larger. Each climber is a (1+1) evolution strategy with the
 one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken, makes
 random ones twice as long, and is repeated until it fails, as walls are oblique; four steps that
 fail make them half as long.
+
+Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
+than ξ_best, but at which no hand is free; they wander among such poses, never to where more is
+lacking, until one is usable.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import PoseSets
-from placement_planner_ros.core.types import Array, Index, Mask
+from placement_planner_ros.core.types import Array, Index, Verdict
 
 _FIRST_STEP_M = 0.02
 """Standard deviation of each coordinate in the first steps, and in the longest."""
@@ -26,7 +30,8 @@ _CLIMBER = np.dtype(
     [
         ("set", np.int64),
         ("place", np.float64, 3),  # x, y and θ
-        ("value", np.float64),  # ξ there
+        ("value", np.float64),  # ξ there, -inf before the first step
+        ("verdict", np.int64),  # FEASIBLE where that is usable, else what is lacking
         ("step", np.float64),  # m, standard deviation
         ("way", np.float64, 3),  # the last step where that was taken, else 0
     ]
@@ -37,18 +42,18 @@ class Climbers:
     """Those that are on their way.
 
     Args:
-        most: how many there are at most.
+        most: usable ones at most; of blocked ones as many as have arrived, up to twice as many.
         rng: draws their steps.
     """
 
     def __init__(self, sets: PoseSets, most: int, rng: np.random.Generator) -> None:
         self._sets, self._most, self._rng = sets, most, rng
-        self._all = np.empty(0, dtype=_CLIMBER)
-        self._next = self._all["place"]
+        self._all, self._arrived = np.empty(0, dtype=_CLIMBER), 0
+        self._next, self._least = self._all["place"], self._all["value"]
 
-    def propose(self) -> tuple[Index, Array, Array]:
-        """The pose sets (n,), the places (n, 3) that the next steps lead to, and ξ (n,) of where
-        the climbers are."""
+    def propose(self, best: float) -> tuple[Index, Array, Array]:
+        """The pose sets (n,), the places (n, 3) that the next steps lead to, and what ξ (n,) has to
+        exceed there: that of where the climbers are, or `best` of those that are blocked."""
         own = self._all
         # Along one of x, y and θ as often as along all three.
         along = np.eye(3)[self._rng.integers(3, size=len(own))]
@@ -62,22 +67,33 @@ class Climbers:
         size = self._sets.high[own["set"]] - low
         places = (places - low) % np.where(size < (np.inf, np.inf, math.tau), 2.0 * size, size)
         self._next = low + np.minimum(places, 2.0 * size - places)
-        return own["set"], self._next, own["value"]
+        self._least = np.where(own["verdict"] < Verdict.FEASIBLE, best, own["value"])
+        return own["set"], self._next, self._least
 
-    def learn(self, values: Array, usable: Mask) -> None:
-        """Take the steps proposed last that lead higher, by ξ (n,) of where they lead and whether
-        that is usable; those that have arrived are gone."""
-        own, up = self._all, usable & (values > self._all["value"])
-        own["way"] = np.where(up[:, None], self._next - own["place"], 0.0)
+    def learn(self, values: Array, verdicts: Index) -> None:
+        """Take the steps proposed last that lead higher, by ξ (n,) and verdicts (n,), FEASIBLE
+        where it is usable, of where they lead; those that have arrived are gone."""
+        own, up = self._all, (verdicts >= self._all["verdict"]) & (values > self._least)
+        on = up & (verdicts == Verdict.FEASIBLE)
+        own["way"] = np.where(on[:, None], self._next - own["place"], 0.0)
         own["place"][up], own["value"][up] = self._next[up], values[up]
+        own["verdict"][up] = verdicts[up]
         own["step"] = np.minimum(own["step"] * np.where(up, 2.0, 0.5**0.25), _FIRST_STEP_M)
         self._all = own[own["step"] > _LAST_STEP_M]
+        self._arrived += len(own) - len(self._all)
 
-    def begin(self, sets: Index, places: Array, values: Array) -> None:
-        """Begin at usable places (n, 3) of sets (n,), ξ being at most (n,), the highest first, as
-        far as there is room; the first step to a usable pose is taken, wherever it leads."""
-        rows = np.argsort(-values, kind="stable")[: self._most - len(self._all)]
+    def begin(self, sets: Index, places: Array, values: Array, verdicts: Index) -> None:
+        """Begin at free places (n, 3) of sets (n,), ξ being at most (n,), by their verdicts (n,).
+
+        At the usable ones with the highest ξ as far as there is room, the first step to a usable
+        pose being taken wherever it leads; at the others until as many are blocked as have arrived.
+        """
+        rows, own = np.argsort(-values, kind="stable"), self._all["verdict"] == Verdict.FEASIBLE
+        usable = rows[verdicts[rows] == Verdict.FEASIBLE][: max(self._most - np.sum(own), 0)]
+        others = rows[verdicts[rows] < Verdict.FEASIBLE]
+        room = min(self._arrived, 2 * self._most) - int(np.sum(~own))
+        rows = np.concatenate([usable, np.resize(others, room if len(others) else 0)])
         new = np.zeros(len(rows), dtype=_CLIMBER)
-        new["set"], new["place"] = sets[rows], places[rows]
+        new["set"], new["place"], new["verdict"] = sets[rows], places[rows], verdicts[rows]
         new["value"], new["step"] = -np.inf, _FIRST_STEP_M
         self._all = np.concatenate([self._all, new])

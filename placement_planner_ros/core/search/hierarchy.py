@@ -130,9 +130,8 @@ class AfrHierarchy:
         pieces = self._pieces(node)
         part, piece = divmod(index, pieces)
         ends = np.linspace(node.angle_min, node.angle_max, pieces + 1)[piece : piece + 2]
-        return replace(
-            node, region=self._parts(node.region)[part], angle_min=ends[0], angle_max=ends[1]
-        )
+        region = self._parts(node.region)[part]
+        return replace(node, region=region, angle_min=ends[0], angle_max=ends[1])
 
     def _parts(self, region: Region) -> tuple[Region, ...]:
         """r_1 … r_4, or the region itself where it is not to be split; each region once."""

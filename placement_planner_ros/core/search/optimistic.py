@@ -3,9 +3,9 @@
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
-is split once only, but its parts stay; coarse ones once more where nothing is left: what the arms
-fail to reach promises less with each try. Poses are reached for in the same order. Where uniform
-samples are free `climbers` begin, which follow ξ into pockets that no cell is small enough for.
+is split once only, but its parts stay: what the arms fail to reach promises less with each try.
+Poses are reached for in the same order. Where samples are free `climbers` begin, which follow ξ
+into pockets that no cell is small enough for.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ class OptimisticSettings(SamplerSettings):
             that the coarse cells have been graded.
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
             what is best may stand on a small one.
-        climbers: poses that climb at a time, once there is a placement; see `Climbers`.
+        climbers: usable poses that climb at a time, once there is a placement, beside up to twice
+            as many blocked ones; see `Climbers`.
     """
 
     uniform_first: int = setting(600, "[0, inf)")
@@ -129,9 +130,10 @@ class OptimisticSampler(BatchSampler):
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
         # And the next step of each climber.
-        sets, steps, values = self._climbers.propose()
-        climbing = self._as_nodes(self._coarse_cells(sets, steps))
-        self._drawn = np.concatenate([parts, coarse, climbing])
+        sets, steps, values = self._climbers.propose(best)
+        self._drawn = np.concatenate(
+            [parts, coarse, self._as_nodes(self._coarse_cells(sets, steps))]
+        )
         self._places = np.concatenate([within, drawn, steps])
         self._evenly = slice(len(parts), len(parts) + len(coarse))
         least = np.concatenate([np.full(self._evenly.stop, np.nan), values])
@@ -154,12 +156,16 @@ class OptimisticSampler(BatchSampler):
             self._model.count_try(cells[row], 1.0, 0.0)
             if verdicts[row] == Verdict.FEASIBLE:
                 self._waiting.append((float(outcome.values[row]), cells[row].copy()))
-        # Climbers learn of their own steps; others begin where a uniform pose is usable.
+        # Climbers learn of their own steps; others begin where a uniform pose is usable, or where
+        # any other one that is better only lacks a hand.
         end, values, usable = self._evenly.stop, outcome.values, outcome.usable
-        self._climbers.learn(values[end:], usable[end:])
+        so_far = np.where(usable, Verdict.FEASIBLE, verdicts)
+        self._climbers.learn(values[end:], so_far[end:])
         if best > -np.inf:
-            rows = np.arange(end)[self._evenly][usable[self._evenly]]
-            self._climbers.begin(cells["set"][rows], self._places[rows], values[rows])
+            begins = (so_far > Verdict.NO_IK) & ~usable
+            begins[self._evenly] |= usable[self._evenly]
+            rows = np.flatnonzero(begins[:end])
+            self._climbers.begin(cells["set"][rows], self._places[rows], values[rows], so_far[rows])
         # Cells learn of what was drawn in them.
         cells, verdicts, values, usable = cells[:end], verdicts[:end], values[:end], usable[:end]
         self._model.learn(cells, replace(outcome, verdicts=verdicts, values=values, usable=usable))
@@ -250,9 +256,6 @@ class OptimisticSampler(BatchSampler):
         rows = np.argpartition(-self._worth, 2 * CELLS_AT_ONCE)[: 2 * CELLS_AT_ONCE]
         rows = rows[self._worth[rows] > 0.0]
         self._rank(rows)
-        # Where nothing is left, coarse cells may be split once more, for other samples.
-        if not len(rows):
-            self._split[:] = False
         taken: list[int] = []
         for row in rows[np.argsort(-self._worth[rows], kind="stable")].tolist():
             if len(taken) == CELLS_AT_ONCE:

@@ -153,13 +153,11 @@ def first_uncertified(
         # Divide the run at its furthest piece, or in the middle where it is straight already.
         if len(run) > 1:
             middle = len(run) // 2 if largest <= finest else min(max(furthest, 1), len(run) - 1)
-            stack.append((index + middle, run[middle:]))
-            stack.append((index, run[:middle]))
+            stack += [(index + middle, run[middle:]), (index, run[:middle])]
         elif largest <= finest:
             return index
         else:
             # Divide the piece itself.
             halves = halved_pieces(run)
-            stack.append((index, halves[1:]))
-            stack.append((index, halves[:1]))
+            stack += [(index, halves[1:]), (index, halves[:1])]
     return None

@@ -234,30 +234,35 @@ def test_tries_that_fail_in_one_part_say_little_of_the_others():
     assert model.chances(of(node)) == pytest.approx(0.5 * 2.0 / 6.0)
 
 
-def test_where_nothing_is_left_coarse_cells_are_split_once_more():
-    made, checker = sampler(OptimisticSampler, samples_per_call=200)
-    checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)
-    made.sample_goals(-1.0, never)
-    made._worth[:], made._split[:] = -1.0, True
-    made.sample_goals(-1.0, never)
-    assert not made._split.all()
-    assert (made._worth >= 0.0).any()
-
-
 def test_climbers_slide_along_an_oblique_wall_to_its_end():
     """Usable where x + y <= 0.3: steps along x or y alone end anywhere on the wall."""
     sets, highest = hierarchy().sets, []
     made = Climbers(sets, 40, np.random.default_rng(3))
     places = np.random.default_rng(4).uniform((0.0, 0.0, 0.5), (0.1, 0.1, 3.0), (90, 3))
-    made.begin(np.zeros(90, int), places, places[:, 0])
+    made.begin(np.zeros(90, int), places, places[:, 0], np.full(90, Verdict.FEASIBLE))
     for _ in range(1000):
-        of, at, values = made.propose()
+        of, at, values = made.propose(1.0)
         assert ((sets.low[of] <= at) & (at <= sets.high[of])).all()
         highest.extend(values)
         ups = at[:, 0] + 0.5 * at[:, 1] - 0.02 * np.abs(at[:, 2] - 6.0)
-        made.learn(ups, at[:, 0] + at[:, 1] <= 0.3)
+        made.learn(ups, np.where(at[:, :2].sum(1) <= 0.3, Verdict.FEASIBLE, Verdict.NO_RELEASE))
     assert not len(of)
     assert max(highest) > 0.299
+
+
+def test_blocked_climbers_wander_where_it_is_better_until_a_hand_is_free():
+    """Better is a strip 2 cm wide, with a hand in a part of 1 cm and 0.3 rad; half may release."""
+    made, reached = Climbers(hierarchy().sets, 30, np.random.default_rng(3)), 0
+    made._arrived, lacking = 60, np.array([Verdict.ARM_COLLIDING])
+    made.begin(np.zeros(1, int), np.array([[0.02, 0.01, 5.0]]), np.zeros(1), lacking)
+    for _ in range(1000):
+        _, at, least = made.propose(-1.0)
+        assert (least[made._all["verdict"] < Verdict.FEASIBLE] == -1.0).all()
+        better, lacks = at[:, 1] < 0.02, np.where(at[:, 0] > 0.15, Verdict.NO_RELEASE, lacking)
+        hand = better & (np.abs(at[:, 0] - 0.25) < 0.005) & (np.abs(at[:, 2] - 2.0) < 0.15)
+        reached += np.sum(hand)
+        made.learn(np.where(better, at[:, 2], -1.0), np.where(hand, Verdict.FEASIBLE, lacks))
+    assert reached > 1
 
 
 class LowerHalf:
