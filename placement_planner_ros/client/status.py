@@ -82,8 +82,7 @@ class Status:
         # where warming up has failed runs begin all the same
         if values.get("warm") not in ("true", "failed"):
             lacking.append(values.get("warm_progress") or "loading kernels")
-        read = (what for what in ("robot", "object") if values.get(what) == "reading")
-        lacking += [f"reading the {what}" for what in read]
+        lacking += [f"reading the {x}" for x in ("robot", "object") if values.get(x) == "reading"]
         if values.get("inputs", "arrive") != "arrive":
             lacking.append(f"inputs: {values['inputs']}")
         return "; ".join(lacking)

@@ -1,4 +1,4 @@
-"""Climbers: free poses that move uphill by random steps, so that small pockets are found.
+"""Climbers: free poses that move by random steps, so that small pockets are found.
 
 What is best where clearance is minimised lies in pockets smaller than any cell that a search has
 time to split, but their basins are larger. Each climber is a (1+1) evolution strategy with the
@@ -7,8 +7,8 @@ random ones twice as long, and is repeated until it fails, as walls are oblique;
 fail make them half as long.
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
-than ξ_best, but at which no hand is free; they wander among such poses, never to where more is
-lacking, until one is usable.
+than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
+never to where an earlier check fails, until one is usable.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class Climbers:
     """Those that are on their way.
 
     Args:
-        most: usable ones at most; of blocked ones as many as have arrived, up to twice as many.
+        most: usable ones at most; of blocked ones as many as are gone, up to twice as many.
         rng: draws their steps.
     """
 
     def __init__(self, sets: PoseSets, most: int, rng: np.random.Generator) -> None:
         self._sets, self._most, self._rng = sets, most, rng
-        self._all, self._arrived = np.empty(0, dtype=_CLIMBER), 0
+        self._all, self._gone = np.empty(0, dtype=_CLIMBER), 0
         self._next, self._least = self._all["place"], self._all["value"]
 
     def propose(self, best: float) -> tuple[Index, Array, Array]:
@@ -71,27 +71,30 @@ class Climbers:
         return own["set"], self._next, self._least
 
     def learn(self, values: Array, verdicts: Index) -> None:
-        """Take the steps proposed last that lead higher, by ξ (n,) and verdicts (n,), FEASIBLE
-        where it is usable, of where they lead; those that have arrived are gone."""
+        """Take the steps proposed last that lead as high as asked and lack no more, by ξ (n,) and
+        verdicts (n,), FEASIBLE where it is usable, of where they lead; who has arrived is gone."""
         own, up = self._all, (verdicts >= self._all["verdict"]) & (values > self._least)
-        on = up & (verdicts == Verdict.FEASIBLE)
-        own["way"] = np.where(on[:, None], self._next - own["place"], 0.0)
+        again = up & (verdicts == Verdict.FEASIBLE)
+        own["way"] = np.where(again[:, None], self._next - own["place"], 0.0)
         own["place"][up], own["value"][up] = self._next[up], values[up]
         own["verdict"][up] = verdicts[up]
         own["step"] = np.minimum(own["step"] * np.where(up, 2.0, 0.5**0.25), _FIRST_STEP_M)
         self._all = own[own["step"] > _LAST_STEP_M]
-        self._arrived += len(own) - len(self._all)
+        self._gone += len(own) - len(self._all)
 
     def begin(self, sets: Index, places: Array, values: Array, verdicts: Index) -> None:
         """Begin at free places (n, 3) of sets (n,), ξ being at most (n,), by their verdicts (n,).
 
         At the usable ones with the highest ξ as far as there is room, the first step to a usable
-        pose being taken wherever it leads; at the others until as many are blocked as have arrived.
+        pose being taken wherever it leads; at the others, repeated as needed, until as many are
+        blocked as are gone, or twice as many as may be usable.
         """
-        rows, own = np.argsort(-values, kind="stable"), self._all["verdict"] == Verdict.FEASIBLE
-        usable = rows[verdicts[rows] == Verdict.FEASIBLE][: max(self._most - np.sum(own), 0)]
+        rows, climb = np.argsort(-values, kind="stable"), self._all["verdict"] == Verdict.FEASIBLE
+        usable = rows[verdicts[rows] == Verdict.FEASIBLE][: max(self._most - np.sum(climb), 0)]
         others = rows[verdicts[rows] < Verdict.FEASIBLE]
-        room = min(self._arrived, 2 * self._most) - int(np.sum(~own))
+        # Those that were blocked and climb now keep their place.
+        taken = max(len(self._all) - self._most, int(np.sum(~climb)))
+        room = max(min(self._gone, 2 * self._most) - taken, 0)
         rows = np.concatenate([usable, np.resize(others, room if len(others) else 0)])
         new = np.zeros(len(rows), dtype=_CLIMBER)
         new["set"], new["place"], new["verdict"] = sets[rows], places[rows], verdicts[rows]

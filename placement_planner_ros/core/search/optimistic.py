@@ -4,8 +4,8 @@ A cell is a face, a box of contact points on one region and an interval of θ. U
 the coarse cells they fall into. In each round the cells that promise most for their cost
 (`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
 is split once only, but its parts stay: what the arms fail to reach promises less with each try.
-Poses are reached for in the same order. Where samples are free `climbers` begin, which follow ξ
-into pockets that no cell is small enough for.
+Poses are reached for in the same order. Where samples are usable, or better but blocked, `climbers`
+begin, which find pockets that no cell is small enough for.
 """
 
 from __future__ import annotations
@@ -130,13 +130,13 @@ class OptimisticSampler(BatchSampler):
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
         # And the next step of each climber.
-        sets, steps, values = self._climbers.propose(best)
+        sets, steps, above = self._climbers.propose(best)
         self._drawn = np.concatenate(
             [parts, coarse, self._as_nodes(self._coarse_cells(sets, steps))]
         )
         self._places = np.concatenate([within, drawn, steps])
         self._evenly = slice(len(parts), len(parts) + len(coarse))
-        least = np.concatenate([np.full(self._evenly.stop, np.nan), values])
+        least = np.concatenate([np.full(self._evenly.stop, np.nan), above])
         return replace(self._sets.draws(self._drawn["set"], self._places), least=least)
 
     def _order(self, rows: Index, outcome: Outcome, best: float) -> Iterator[int]:
@@ -156,8 +156,8 @@ class OptimisticSampler(BatchSampler):
             self._model.count_try(cells[row], 1.0, 0.0)
             if verdicts[row] == Verdict.FEASIBLE:
                 self._waiting.append((float(outcome.values[row]), cells[row].copy()))
-        # Climbers learn of their own steps; others begin where a uniform pose is usable, or where
-        # any other one that is better only lacks a hand.
+        # Climbers learn of their own steps; others begin at usable uniform poses, and at any that
+        # are better but lack more than an arm that is long enough.
         end, values, usable = self._evenly.stop, outcome.values, outcome.usable
         so_far = np.where(usable, Verdict.FEASIBLE, verdicts)
         self._climbers.learn(values[end:], so_far[end:])
