@@ -232,7 +232,7 @@ def _put_levels(
     line = np.full(_TILE * tiles, far, np.uint8)
     line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
-    apart = np.full((3, _SCATTERED), np.inf)
+    apart = np.full((3, _SCATTERED), np.inf, np.float32)
     row = 0
     m = len(boxes.cells)
     for plane in range(nx + 2):
@@ -262,7 +262,7 @@ def _scatter_box(
     boxes: ObstacleArrays,
     row: int,
     first_cell: tuple[int, int, int],
-    apart: Array,
+    apart: Field,
     exact: Field,
     nx: int,
 ) -> None:
@@ -290,5 +290,5 @@ def _scatter_box(
             beside = apart[0, i - ci] + apart[1, j - cj]
             near = exact[i % 5, j, ck : ck + _SCATTERED]
             for k in range(_SCATTERED):
-                d = np.float32(beside + along[k])
+                d = beside + along[k]
                 near[k] = d if d < near[k] else near[k]
