@@ -72,7 +72,7 @@ def test_nothing_leans_behind_a_wall_that_was_seen_from_before_it(cloud, behind)
     panel = box("panel", (0.67, -0.6, 0.08), (0.672, 0.6, 0.6), GREY)
     hanging = replace(SITUATIONS[0], parts=(SITUATIONS[0].parts[0], panel))
     contact = hanging.contact(hanging.environment(cloud, np.random.default_rng(1)))
-    used = [contact._wall(feature) for feature in range(len(contact.frames))]
+    used = [contact._walls[contact._wall_of[feature]] for feature in range(len(contact.frames))]
     assert used
     assert any(wall.normal @ EYE < wall.offset for wall in used) == behind
     for wall in used:
@@ -147,7 +147,7 @@ def test_however_rough_the_floor_nothing_leans_so_far_that_its_foot_is_thrown_ou
     rough = replace(SITUATIONS[1], settings={"friction": 1.0})
     contact = rough.contact(rough.environment("complete", np.random.default_rng(1)))
     for feature, (_, reach) in enumerate(contact._features):
-        wall = contact._wall(feature)
+        wall = contact._walls[contact._wall_of[feature]]
         foot = (wall.offset + reach.farthest) * wall.normal
         T = contact.poses(np.array([feature]), foot[None], np.zeros(1), None)[0]
         assert T[2, 3] - foot[2] > np.linalg.norm(T[:2, 3] - foot[:2])
