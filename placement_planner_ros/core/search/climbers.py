@@ -71,7 +71,7 @@ class Climbers:
         return own["set"], self._next, self._least
 
     def learn(self, values: Array, verdicts: Index) -> None:
-        """Take the steps proposed last that lead as high as asked and lack no more, by ξ (n,) and
+        """Take the steps proposed last that exceed what they had to, lacking no more, by ξ (n,) and
         verdicts (n,), FEASIBLE where it is usable, of where they lead; who has arrived is gone."""
         own, up = self._all, (verdicts >= self._all["verdict"]) & (values > self._least)
         again = up & (verdicts == Verdict.FEASIBLE)
