@@ -55,8 +55,8 @@ class BoxArrays(NamedTuple):
     grid: Array
     """(4,) lower corner of the grid, and its cell size."""
     field_grid: Array
-    """(16,) the like of the field, the box around all boxes, lower and upper, the shape, step and
-    exact levels of `scene.distance.DistanceBound`, and cells per metre."""
+    """(10,) the like of the field, the shape, step and exact levels of
+    `scene.distance.DistanceBound`, and cells per metre."""
     field: npt.NDArray[np.uint8]
     """Its levels."""
     tops: Array
@@ -72,60 +72,59 @@ def distance_bounds(
 ) -> tuple[float, float]:
     """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`).
 
-    Inside the grid, those of the point's cell, whose centre it is `off` away from
-    (`scene.distance.DistanceBound`); outside, the distance to the box around all boxes.
+    Those of the cell of the nearest point in the field, whose centre that is `off` away from
+    (`scene.distance.DistanceBound`). A point `beyond` the field is so far from the nearest in it,
+    and from no box at less than a right angle there, since all boxes are within.
     """
-    # The point in cells of the field from its lower corner.
-    fx = (x - grid[0]) * grid[15]
-    fy = (y - grid[1]) * grid[15]
-    fz = (z - grid[2]) * grid[15]
-    if 0.0 <= fx < grid[10] and 0.0 <= fy < grid[11] and 0.0 <= fz < grid[12]:
-        # The cell, and its level within its block of 4 x 4 x 4.
-        i, j, k = int(fx), int(fy), int(fz)
-        level = field[i >> 2, j >> 2, k >> 2, (i & 3) << 4 | (j & 3) << 2 | k & 3]
-        # How far the point is from the centre of its cell.
-        fx -= i + 0.5
-        fy -= j + 0.5
-        fz -= k + 0.5
-        off = grid[3] * np.sqrt(fx * fx + fy * fy + fz * fz)
-        # The level bounds the distance of the centre; the point's differs by no more than it is
-        # off.
-        lower = level * grid[13]
-        return lower - off, (lower + grid[13] + off if level < grid[14] else np.inf)
-    # Outside the field: the distance to the box around all boxes, which bounds only from below.
-    dx = max(grid[4] - x, 0.0, x - grid[7])
-    dy = max(grid[5] - y, 0.0, y - grid[8])
-    dz = max(grid[6] - z, 0.0, z - grid[9])
-    return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
+    # The point in cells of the field from its lower corner, and the nearest to it in the field.
+    gx, gy, gz = (x - grid[0]) * grid[9], (y - grid[1]) * grid[9], (z - grid[2]) * grid[9]
+    fx = min(gx if gx > 0.0 else 0.0, grid[4])
+    fy = min(gy if gy > 0.0 else 0.0, grid[5])
+    fz = min(gz if gz > 0.0 else 0.0, grid[6])
+    gx, gy, gz = gx - fx, gy - fy, gz - fz
+    # Its cell, and the level of that within its block of 4 x 4 x 4.
+    i, j, k = int(min(fx, grid[4] - 1.0)), int(min(fy, grid[5] - 1.0)), int(min(fz, grid[6] - 1.0))
+    level = field[i >> 2, j >> 2, k >> 2, (i & 3) << 4 | (j & 3) << 2 | k & 3]
+    # How far that point is from the centre of its cell.
+    fx -= i + 0.5
+    fy -= j + 0.5
+    fz -= k + 0.5
+    off = grid[3] * np.sqrt(fx * fx + fy * fy + fz * fz)
+    # The level bounds the distance of the centre; the point's differs by no more than it is off.
+    lower = level * grid[7] - off
+    upper = lower + 2.0 * off + grid[7] if level < grid[8] else np.inf
+    square = gx * gx + gy * gy + gz * gz
+    if square > 0.0:
+        beyond = grid[3] * np.sqrt(square)
+        lower = max(lower, 0.0)
+        return np.sqrt(lower * lower + beyond * beyond), upper + beyond
+    return lower, upper
+
+
+@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+def reach_along_side(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
+    """How far the vertices of set s reach along the direction that last kept a box away from it, in
+    the frame of its joint: beside that in `sides`, infinite where none is known."""
+    sides, vertices = scratch.sides, arm.vertices
+    x, y, z = sides[s, 0], sides[s, 1], sides[s, 2]
+    reach = -np.inf if x != 0.0 or y != 0.0 or z != 0.0 else np.inf
+    for v in range(arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]):
+        reach = max(reach, x * vertices[v, 0] + y * vertices[v, 1] + z * vertices[v, 2])
+    sides[s, 3] = reach
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
 def _face_side(arm: ArmArrays, scratch: ArmScratch, s: int, far: float) -> None:
     """Fill `side` with the direction that last kept a box away from set s, in the world, and from
     where along it boxes are `far`: nowhere where none is known."""
-    frames, sides, side, vertices = scratch.frames, scratch.sides, scratch.side, scratch.vertices
+    frames, sides, side = scratch.frames, scratch.sides, scratch.side
     joint = arm.sets[s, at.SET_JOINT]
-    # Turn the direction into the world.
-    x, y, z = sides[s, 0], sides[s, 1], sides[s, 2]
-    nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
-    ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
-    nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
-    # How far the set reaches along it.
-    reach = -np.inf if x != 0.0 or y != 0.0 or z != 0.0 else np.inf
-    for v in range(arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]):
-        reach = max(reach, nx * vertices[v, 0] + ny * vertices[v, 1] + nz * vertices[v, 2])
-    side[0], side[1], side[2], side[3] = nx, ny, nz, reach + arm.radius[s] + far
-
-
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def begin_set(arm: ArmArrays, scratch: ArmScratch, s: int, need: float) -> None:
-    """Place set s, before any of its leaves is held against boxes."""
-    # A set looks at a box once, whichever of its leaves reach it.
-    scratch.counters[1] += 1
-    if scratch.set_stamp[s] < scratch.counters[0]:
-        scratch.set_stamp[s] = scratch.counters[0]
-        place_set(arm, scratch, s)
-    _face_side(arm, scratch, s, need + BOUND_TOLERANCE_M)
+    side[3] = sides[s, 3] + arm.radius[s] + far
+    # Turn the direction into the world, and add how far along it the joint is.
+    for i in range(3):
+        turned = frames[joint, i, 0] * sides[s, 0] + frames[joint, i, 1] * sides[s, 1]
+        side[i] = turned + frames[joint, i, 2] * sides[s, 2]
+        side[3] += side[i] * frames[joint, i, 3]
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
@@ -147,68 +146,96 @@ def _set_keeps_box(
         for i in range(3):
             along = frames[joint, 0, i] * x + frames[joint, 1, i] * y + frames[joint, 2, i] * z
             scratch.sides[s, i] = -along / length
+        reach_along_side(arm, scratch, s)
         # What keeps this box away may keep its neighbours away.
         _face_side(arm, scratch, s, need + BOUND_TOLERANCE_M)
     return apart
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
-def leaf_keeps_boxes(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, node: int, need: float, fine: bool
+def leaves_keep_boxes(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
+    leaves: tuple[int, int],
+    need: float,
+    fine: bool,
 ) -> bool:
-    """Whether what a leaf sphere covers keeps `need` from the boxes in reach of it.
+    """Whether what open leaf spheres of one set cover keeps `need` from the boxes in reach of them.
 
-    Boxes are sought in the columns of cells below the leaf's ball: those within it, and not far
-    along the direction that last kept a box away from the set; then the set itself, or the mesh
-    that it covers. `begin_set` has placed it.
+    Boxes are sought in the columns of cells below the leaves' span: those not far along the
+    direction that last kept a box away from the set; then the set itself, or the mesh that it
+    covers.
 
     Args:
+        leaves: the first of the scratch's, and that behind the last.
         fine: whether meshes are asked where their covers come too near.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
     spheres, bounds, side = arm.node_spheres, scratch.bounds, scratch.side
-    visit = scratch.counters[1]
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
-    s = arm.nodes[node, at.NODE_SET]
+    s = arm.nodes[scratch.leaves[leaves[0]], at.NODE_SET]
     joint, mesh = arm.sets[s, at.SET_JOINT], arm.sets[s, at.SET_MESH]
-    # The ball that boxes must reach, and its span, no more than the box around the set, grown.
+    # The span of the leaves' balls, which boxes must reach.
     far = need + BOUND_TOLERANCE_M
-    x, y, z = to_world(scratch.frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
-    reach = spheres[node, 3] + far
-    x0, x1 = max(x - reach, bounds[s, 0] - far), min(x + reach, bounds[s, 3] + far)
-    y0, y1 = max(y - reach, bounds[s, 1] - far), min(y + reach, bounds[s, 4] + far)
-    z0, z1 = max(z - reach, bounds[s, 2] - far), min(z + reach, bounds[s, 5] + far)
+    x0 = y0 = z0 = np.inf
+    x1 = y1 = z1 = -np.inf
+    for k in range(leaves[0], leaves[1]):
+        # Not those open for a motion alone that is not kept.
+        if scratch.leaf_bounds[k] < need:
+            node = scratch.leaves[k]
+            x, y, z = to_world(
+                scratch.frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2]
+            )
+            reach = spheres[node, 3] + far
+            x0, y0, z0 = min(x0, x - reach), min(y0, y - reach), min(z0, z - reach)
+            x1, y1, z1 = max(x1, x + reach), max(y1, y + reach), max(z1, z + reach)
+    if x0 > x1:
+        return True
+    # Put the set where it is, unless that was done.
+    if scratch.set_stamp[s] < scratch.stamp[0]:
+        scratch.set_stamp[s] = scratch.stamp[0]
+        place_set(arm, scratch, s)
+    _face_side(arm, scratch, s, far)
+    # No more than the box around the set, grown.
+    x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
+    y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
+    z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
     # The columns of cells below the span.
     i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
     j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
     i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
     j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, columns.shape[1] - 1)
     for i in range(i0, i1):
-        # Distance of the column from the ball's centre, along x.
         low_x = ox + i * size
-        dx = max(low_x - x, 0.0, x - low_x - size)
         for j in range(j0, j1):
-            # The column's distance along y, and half the height of the ball above the column.
-            low_y = oy + j * size
-            dy = max(low_y - y, 0.0, y - low_y - size)
-            height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + BOUND_TOLERANCE_M
-            # The layers between the lowest and the highest point in question.
-            k0 = int(np.floor((max(z - height, z0) - oz) * per_metre))
-            k1 = int(np.floor((min(z + height, z1) - oz) * per_metre))
-            for box in range(columns[i, j], columns[i, j + 1]):
-                # Skip boxes of other layers, and those looked at for this set already.
+            # The heights in question at which the column's nearest corner is not far along the
+            # remembered direction.
+            low_y, bottom, top = oy + j * size, z0, z1
+            before = side[3] - side[0] * (low_x if side[0] > 0.0 else low_x + size)
+            before -= side[1] * (low_y if side[1] > 0.0 else low_y + size)
+            if side[2] > 0.0:
+                top = min(top, before / side[2])
+            elif side[2] < 0.0:
+                bottom = max(bottom, before / side[2])
+            if bottom > top:
+                continue
+            # The first box in or above the lowest of the layers between.
+            k0 = int(np.floor((bottom - oz) * per_metre))
+            k1 = int(np.floor((top - oz) * per_metre))
+            first, last = columns[i, j], columns[i, j + 1]
+            end = last
+            while first < end:
+                half = (first + end) // 2
+                if layers[half] < k0:
+                    first = half + 1
+                else:
+                    end = half
+            for box in range(first, last):
+                # Up to those of higher layers.
                 if layers[box] > k1:
                     break
-                if layers[box] < k0 or scratch.box_stamp[box] == visit:
-                    continue
-                # Skip boxes outside the ball.
-                u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
-                v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
-                w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
-                if u * u + v * v + w * w > reach * reach:
-                    continue
-                scratch.box_stamp[box] = visit
                 # Skip boxes whose nearest corner is far along the remembered direction.
                 if (
                     side[0] * corners[box, 0 if side[0] > 0.0 else 3]
@@ -226,10 +253,10 @@ def leaf_keeps_boxes(
                         or -above >= boxes.support[3]
                     ):
                         continue
-                # The set itself against the box, from the line between box and leaf on.
+                # The set itself against the box, from the line between their middles on.
                 for k in range(3):
-                    middle = 0.5 * (corners[box, k] + corners[box, k + 3])
-                    scratch.work[5, k] = (x if k == 0 else y if k == 1 else z) - middle
+                    middle = corners[box, k] + corners[box, k + 3]
+                    scratch.work[5, k] = bounds[s, k] + bounds[s, k + 3] - middle
                 if not _set_keeps_box(arm, boxes, scratch, s, box, need) and not (
                     fine and mesh >= 0 and mesh_keeps_box(arm, scratch, mesh, corners, box, need)
                 ):
@@ -297,27 +324,29 @@ def bodies_keep_boxes(
                 continue
             # A leaf stays open.
             if leaf:
-                leaves[opened] = node
+                leaves[opened], scratch.leaf_bounds[opened] = node, lower
                 opened += 1
             node += 1
         scratch.motion[body] = motion
     scratch.leaf_ends[bodies] = opened
-    # What is left open of each body, against boxes.
+    # What is left open of each body, set by set, against boxes.
     for asked in range(bodies):
-        body, previous = scratch.asked[asked], -1
-        motion, k = scratch.motion[body], scratch.leaf_ends[asked]
-        while k < scratch.leaf_ends[asked + 1]:
-            s = nodes[leaves[k], at.NODE_SET]
-            if s != previous:
-                previous = s
-                begin_set(arm, scratch, s, margin + motion)
+        body = scratch.asked[asked]
+        motion, k, end = (
+            scratch.motion[body],
+            scratch.leaf_ends[asked],
+            scratch.leaf_ends[asked + 1],
+        )
+        while k < end:
+            s, last = nodes[leaves[k], at.NODE_SET], k + 1
+            while last < end and nodes[leaves[last], at.NODE_SET] == s:
+                last += 1
             fine = motion <= MESH_MOTION_M
-            if leaf_keeps_boxes(arm, boxes, scratch, leaves[k], margin + motion, fine):
-                k += 1
+            if leaves_keep_boxes(arm, boxes, scratch, (k, last), margin + motion, fine):
+                k = last
             elif motion > 0.0:
                 # Once more, for the margin alone.
                 scratch.motion[body] = motion = 0.0
-                previous = -1
             else:
                 return False
     return True

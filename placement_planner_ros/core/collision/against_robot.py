@@ -69,7 +69,7 @@ def _parts_keep(
     It is remembered in the frames of both: which of them it rests in depends on what turned.
     """
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
-    radius, bounds, now = arm.radius[s] + arm.radius[t], scratch.bounds, scratch.counters[0]
+    radius, bounds, now = arm.radius[s] + arm.radius[t], scratch.bounds, scratch.stamp[0]
     far = need + radius + BOUND_TOLERANCE_M
     # The remembered direction, as it turned with the one and with the other.
     work[5, :3] = 0.0
@@ -140,16 +140,19 @@ def tabled_apart(arm: ArmArrays, pair: int, q: Array, delta: Array) -> bool:
     y0, y1 = y - high * per_rad, y + high * per_rad
     if not (x0 >= 0.0 and x1 < rows and y0 >= 0.0 and y1 < columns):
         return False
-    # Along the longer side of what they touch, halfway across it: each cell tells as far as it can.
+    # Along the longer side of what they touch, halfway across it: each cell tells of a square that
+    # begins where the last one ended.
     begin, end, low, last, step, across = int(x0), int(x1), int(y0), int(y1), columns, 1
     if end - begin < last - low:
         begin, end, low, last, step, across = low, last, begin, end, 1, columns
     middle = (low + last) // 2
+    half = last - middle
     while begin <= end:
-        away = arm.tables[arm.pairs[pair, at.PAIR_CELL] + begin * step + middle * across]
-        if away <= last - middle:
+        here = min(begin, end - 2 * half) + half
+        away = arm.tables[arm.pairs[pair, at.PAIR_CELL] + here * step + middle * across]
+        if away <= half:
             return False
-        begin += away
+        begin = here + away
     return True
 
 
@@ -170,8 +173,8 @@ def _pair_keeps(
     a, b = arm.pairs[pair, at.PAIR_INNER], arm.pairs[pair, at.PAIR_OUTER]
     # The balls around their sets, the first of their trees, unless they have been placed.
     for body in (a, b):
-        if scratch.body_stamp[body] < scratch.counters[0]:
-            scratch.body_stamp[body] = scratch.counters[0]
+        if scratch.body_stamp[body] < scratch.stamp[0]:
+            scratch.body_stamp[body] = scratch.stamp[0]
             joint = bodies[body, at.BODY_JOINT]
             for s in range(bodies[body, at.BODY_FIRST_SET], bodies[body + 1, at.BODY_FIRST_SET]):
                 node = sets[s, at.SET_FIRST_NODE]

@@ -159,7 +159,7 @@ class ArmCollision:
         )
         # The obstacle set, and room to work in.
         self._boxes = box_arrays(obstacles)
-        self._scratch = scratch_for(self._flat, self._boxes.number)
+        self._scratch = scratch_for(self._flat)
         arrays = self._flat.arrays
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         if isinstance(load, PlacedObject):
@@ -330,7 +330,7 @@ class ArmCollision:
         """The same arm against other obstacles and nothing else, in buffers of its own."""
         other = self.with_pairs(lambda a, b: False, settings, environment=False)
         other._obstacles, other._boxes = obstacles, box_arrays(obstacles)
-        other._scratch = scratch_for(self._flat, len(obstacles))
+        other._scratch = scratch_for(self._flat)
         other._queue, other._settled = np.zeros_like(self._queue), np.zeros_like(self._settled)
         return other
 

@@ -105,22 +105,23 @@ class ArmScratch(NamedTuple):
     set_stamp: Index
     """(s,) configuration at which a set was last placed in the world."""
     sides: Array
-    """(s, 3) unit direction that last kept a box away from each set, in its frame; 0 without."""
+    """(s, 4) unit direction that last kept a box away from each set, in its joint's frame, and how
+    far its vertices reach along it; 0 and infinite without."""
     side: Array
     """(4,) that of the set that is looked at, in the world, and from where along it boxes are far
     enough away."""
     leaves: Index
-    """(k,) leaf spheres that the field leaves open; `leaf_ends` (b + 1,), how many of each body."""
+    """(k,) leaf spheres that the field leaves open; `leaf_bounds`: how far they are from boxes, at
+    least; `leaf_ends` (b + 1,), how many of each body."""
+    leaf_bounds: Array
     leaf_ends: Index
     asked: Index
     """(. + c,) the items that are asked for, ascending."""
     motion: Array
     """(. + c,) how far each moving body moves, then those of each pair to each other, metres; then
     0 where that is not kept."""
-    box_stamp: Index
-    """(m,) visit in which an obstacle was last looked at."""
-    counters: Index
-    """Configuration, visit."""
+    stamp: Index
+    """(1,) that of the configuration."""
     sweep: Array
     """(1,) how far all bodies are swept straight up, metres: vertices are made so."""
     work: Array
@@ -242,8 +243,8 @@ def lone_body(rows: SolidRows) -> FlatArm:
     return FlatArm(arrays, 0, (), np.zeros(len(rows.radius), dtype=np.int64), (rows,))
 
 
-def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
-    """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
+def scratch_for(flat: FlatArm) -> ArmScratch:
+    """Work space for `flat`; fixed bodies are placed for good."""
     a = flat.arrays
     # Frames of joints and tip; of the world and the placed object, which stay as they are.
     joints, sets = len(a.prismatic), len(a.radius)
@@ -258,14 +259,14 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         bounds=np.vstack([rows.boxes() for rows in flat.rows]),
         body_stamp=np.where(np.arange(len(a.bodies)) < a.moving, 0, np.iinfo(np.int64).max),
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
-        sides=np.zeros((sets, 3)),
+        sides=np.tile([0.0, 0.0, 0.0, np.inf], (sets, 1)),
         side=np.zeros(4),
         leaves=np.zeros(len(a.nodes), dtype=np.int64),
+        leaf_bounds=np.zeros(len(a.nodes)),
         leaf_ends=np.zeros(a.moving + 1, dtype=np.int64),
         asked=np.zeros(len(a.movers), dtype=np.int64),
         motion=np.zeros(len(a.movers)),
-        box_stamp=np.zeros(boxes, dtype=np.int64),
-        counters=np.zeros(2, dtype=np.int64),
+        stamp=np.zeros(1, dtype=np.int64),
         sweep=np.zeros(1),
         work=np.zeros((9, 4)),
         mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),

@@ -32,40 +32,16 @@ def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
 
 
 def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
-    number = len(obstacles.lower)
-    grid = np.array([*obstacles.origin, obstacles.cell_size])
-    if not number:
-        return BoxArrays(
-            number=0,
-            columns=_read_only_view(np.zeros((1, 2), dtype=np.int32)),
-            layers=_read_only_view(np.zeros(0, dtype=np.int32)),
-            corners=np.zeros((0, 6)),
-            grid=grid,
-            field_grid=np.zeros(16),
-            field=_read_only_view(np.zeros((1, 1, 1, 64), dtype=np.uint8)),
-            tops=np.zeros(0),
-            support=np.zeros(4),
-        )
     corners = np.hstack([obstacles.lower, obstacles.upper])
     field = distance_bound_field(obstacles, _FIELD_REACH_M)
+    scales = field.step, field.exact, 1.0 / field.cell_size
     return BoxArrays(
-        number=number,
+        number=len(obstacles.lower),
         columns=_read_only_view(_column_index(obstacles)),
         layers=_read_only_view(obstacles.cells[:, 2]),
         corners=corners,
-        grid=grid,
-        field_grid=np.array(
-            [
-                *field.origin,
-                field.cell_size,
-                *(low.min() for low in obstacles.lower.T),
-                *(high.max() for high in obstacles.upper.T),
-                *field.shape,
-                field.step,
-                field.exact,
-                1.0 / field.cell_size,
-            ]
-        ),
+        grid=np.array([*obstacles.origin, obstacles.cell_size]),
+        field_grid=np.array([*field.origin, field.cell_size, *field.shape, *scales]),
         field=_read_only_view(field.levels),
         tops=np.zeros(0),
         support=np.zeros(4),

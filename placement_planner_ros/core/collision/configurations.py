@@ -74,7 +74,7 @@ def check_hands(
         for row in range(3):
             for column in range(4):
                 scratch.frames[last, row, column] = T[i, row, column]
-        scratch.counters[0] += 1
+        scratch.stamp[0] += 1
         scratch.motion[:] = 0.0
         # The bodies that the joint carries, which are the first, against the obstacle set.
         count = 0

@@ -50,7 +50,7 @@ class ObjectCollision:
         self._beneath = self.settings.obstacle_margin - ROUNDING if overhangs else math.inf
         self._obstacles = obstacles
         self._boxes: dict[Slope, BoxArrays] = {}
-        self._object, self._scratch = swept_object(body, len(obstacles))
+        self._object, self._scratch = swept_object(body)
 
     def free(
         self,

@@ -33,7 +33,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     Args:
         clear: what tables certify, metres.
     """
-    arrays, scratch = flat.arrays, scratch_for(flat, 0)
+    arrays, scratch = flat.arrays, scratch_for(flat)
     tables: list[bytes] = []
     pairs, lower = arrays.pairs.copy(), np.zeros((len(arrays.pairs), 2))
     digest_of_body = cache(flat.digest)

@@ -16,7 +16,7 @@ from placement_planner_ros.core.uncounted import Uncounted
 def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,); whatever was placed in the world before is outdated."""
     # A new stamp outdates all that was placed before.
-    scratch.counters[0] += 1
+    scratch.stamp[0] += 1
     chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
 
 

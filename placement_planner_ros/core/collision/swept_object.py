@@ -17,9 +17,9 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import arrays as at
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
-    begin_set,
     distance_bounds,
-    leaf_keeps_boxes,
+    leaves_keep_boxes,
+    reach_along_side,
 )
 from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
@@ -52,15 +52,11 @@ class SweptObject(NamedTuple):
 
     arm: ArmArrays
     balls: Array
-    """(1 + s, 4) around all of it, then around each set."""
+    """(s, 4) around each set."""
 
 
-def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
-    """Lay out an object: one ball around each of its sets, which hold every vertex twice.
-
-    Args:
-        boxes: how many obstacles the work space is for.
-    """
+def swept_object(body: Body) -> tuple[SweptObject, ArmScratch]:
+    """Lay out an object: one ball around each of its sets, which hold every vertex twice."""
     rows = SolidRows.joined([shape_rows(solid.shape, np.inf) for solid in object_solids(body)])
     ends = np.append(rows.sets[1:, at.SET_FIRST_VERTEX], len(rows.vertices))
     parts = np.split(rows.vertices, ends[:-1])
@@ -70,8 +66,7 @@ def swept_object(body: Body, boxes: int) -> tuple[SweptObject, ArmScratch]:
         sets=rows.sets * np.where(np.arange(3) == at.SET_FIRST_VERTEX, 2, 1),
     )
     flat = lone_body(rows)
-    balls = np.vstack([flat.arrays.body_spheres, rows.node_spheres[:, :4]])
-    return SweptObject(flat.arrays, balls), scratch_for(flat, boxes)
+    return SweptObject(flat.arrays, rows.node_spheres[:, :4].copy()), scratch_for(flat)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -85,9 +80,9 @@ def check_poses(
 ) -> None:
     """Whether the object keeps the margin on its way straight down onto each pose.
 
-    Balls around the object and around each set against the field of distances, then the swept
-    sets against boxes. What a ball sweeps lies in the ball around the sweep's middle that is larger
-    by half its height. Filled are the `answers` (n,).
+    Balls around sets against the field of distances, then the swept sets against boxes. What a ball
+    sweeps lies in the ball around the sweep's middle that is larger by half its height. Filled are
+    the `answers` (n,).
     """
     arm, frames, balls = thing.arm, scratch.frames, thing.balls
     for row in range(len(answers)):
@@ -96,36 +91,31 @@ def check_poses(
             continue
         # The object where it rests; whatever was placed before is outdated.
         T, raised = poses.T[row], poses.raised[row]
-        scratch.counters[0] += 1
+        scratch.stamp[0] += 1
         for i in range(4):
             for j in range(4):
                 frames[0, i, j] = T[i, j]
         # The support is that of this pose.
         scratch.sweep[0] = raised
         boxes.support[0] = poses.contact[row]
-        # The ball around all of the object, then those around its sets.
-        for ball in range(len(balls)):
-            x, y, z = to_world(frames, 0, balls[ball, 0], balls[ball, 1], balls[ball, 2])
+        # The ball around each set, where it is halfway up.
+        for s in range(len(balls)):
+            x, y, z = to_world(frames, 0, balls[s, 0], balls[s, 1], balls[s, 2])
             bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
-            if bound >= balls[ball, 3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M):
-                if ball == 0:
-                    break
-                continue
-            if ball == 0:
+            if bound >= balls[s, 3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M):
                 continue
             # The set's vertices once more where they are raised, and the ball around both.
-            s = ball - 1
-            node = arm.sets[s, at.SET_FIRST_NODE]
             first, last = arm.sets[s, at.SET_FIRST_VERTEX], arm.sets[s + 1, at.SET_FIRST_VERTEX]
             count = (last - first) // 2
             for i in range(3):
                 up = T[2, i] * raised
                 for v in range(first, first + count):
                     arm.vertices[v + count, i] = arm.vertices[v, i] + up
-                arm.node_spheres[node, i] = balls[ball, i] + 0.5 * up
-            arm.node_spheres[node, 3] = balls[ball, 3] + 0.5 * raised
+                arm.node_spheres[s, i] = balls[s, i] + 0.5 * up
+            arm.node_spheres[s, 3] = balls[s, 3] + 0.5 * raised
+            reach_along_side(arm, scratch, s)
             # The boxes in its reach, up to the first that is met.
-            begin_set(arm, scratch, s, margin)
-            if not leaf_keeps_boxes(arm, boxes, scratch, node, margin, True):
+            scratch.leaves[0], scratch.leaf_bounds[0] = s, -np.inf
+            if not leaves_keep_boxes(arm, boxes, scratch, (0, 1), margin, True):
                 answers[row] = False
                 break

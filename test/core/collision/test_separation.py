@@ -1,7 +1,6 @@
 """Distances and bounds of the kernels against brute force: all faces, all boxes."""
 
 import numpy as np
-import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
@@ -104,14 +103,13 @@ def test_the_field_bounds_the_distance_of_any_point_to_all_boxes():
         lower, upper = distance_bounds(boxes.field_grid, boxes.field, *p)
         assert lower <= d + 1e-9
         assert d <= upper + 1e-9
-        cell = np.floor((p - made.origin) / 0.01)
-        if not ((cell >= 0) & (cell < made.shape)).all():
+        nearest = np.clip(p, made.origin, made.origin + 0.01 * np.array(made.shape))
+        beyond = np.linalg.norm(p - nearest)
+        if beyond > 0.0:
             outside += 1
-            around = made.lower.min(axis=0), made.upper.max(axis=0)
-            away = np.maximum(np.maximum(around[0] - p, p - around[1]), 0.0)
-            assert lower == pytest.approx(np.linalg.norm(away))
-            assert upper == np.inf
+            assert lower >= np.hypot(beyond, max(min(brute_force(nearest), 0.25) - 0.04, 0.0))
             continue
+        cell = np.floor((p - made.origin) / 0.01)
         center = made.origin + (cell + 0.5) * 0.01
         off, at_center = np.linalg.norm(p - center), brute_force(center)
         if at_center < 0.024:
