@@ -32,14 +32,13 @@ def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
 
 
 def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
-    corners = np.hstack([obstacles.lower, obstacles.upper])
     field = distance_bound_field(obstacles, _FIELD_REACH_M)
     scales = field.step, field.exact, 1.0 / field.cell_size
     return BoxArrays(
         number=len(obstacles.lower),
         columns=_read_only_view(_column_index(obstacles)),
         layers=_read_only_view(obstacles.cells[:, 2]),
-        corners=corners,
+        corners=np.hstack([obstacles.lower, obstacles.upper]),
         grid=np.array([*obstacles.origin, obstacles.cell_size]),
         field_grid=np.array([*field.origin, field.cell_size, *field.shape, *scales]),
         field=_read_only_view(field.levels),

@@ -43,10 +43,12 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
         joints = np.arange(inner.joint + 1, outer.joint + 1)
         limits = np.column_stack([chain.lower[joints], chain.upper[joints]])
         rigid = inner.rigid and outer.rigid and not chain.prismatic[joints].any()
-        if len(joints) > 2 or not rigid or not np.isfinite(limits).all():
+        # A joint that turns by less than a cell would be no axis of the table.
+        spans = np.diff(limits)
+        if len(joints) > 2 or not rigid or not ((spans >= at.CELL_RAD) & (spans < np.inf)).all():
             continue
         step(f"tabling links {inner.name} and {outer.name}")
-        shape = (*((np.diff(limits) / at.CELL_RAD).astype(np.int64) + 1).ravel().tolist(), 1)[:2]
+        shape = (*((spans / at.CELL_RAD).astype(np.int64) + 1).ravel().tolist(), 1)[:2]
         lower[row, : len(joints)] = limits[:, 0]
         digests = map(digest_of_body, (a, b))
         key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)

@@ -52,21 +52,21 @@ class SweptObject(NamedTuple):
 
     arm: ArmArrays
     balls: Array
-    """(s, 4) around each set."""
+    """(s, 5) around each set; not to be written to, the like of the body are shared."""
 
 
 def swept_object(body: Body) -> tuple[SweptObject, ArmScratch]:
     """Lay out an object: one ball around each of its sets, which hold every vertex twice."""
     rows = SolidRows.joined([shape_rows(solid.shape, np.inf) for solid in object_solids(body)])
-    ends = np.append(rows.sets[1:, at.SET_FIRST_VERTEX], len(rows.vertices))
-    parts = np.split(rows.vertices, ends[:-1])
-    rows = replace(
+    parts = np.split(rows.vertices, rows.sets[1:, at.SET_FIRST_VERTEX])
+    raised = replace(
         rows,
+        node_spheres=rows.node_spheres.copy(),
         vertices=np.vstack([part for part in parts for _ in range(2)]),
         sets=rows.sets * np.where(np.arange(3) == at.SET_FIRST_VERTEX, 2, 1),
     )
-    flat = lone_body(rows)
-    return SweptObject(flat.arrays, rows.node_spheres[:, :4].copy()), scratch_for(flat)
+    flat = lone_body(raised)
+    return SweptObject(flat.arrays, rows.node_spheres), scratch_for(flat)
 
 
 @njit(cache=True, nogil=True, pipeline_class=Uncounted)
@@ -86,15 +86,16 @@ def check_poses(
     """
     arm, frames, balls = thing.arm, scratch.frames, thing.balls
     for row in range(len(answers)):
-        answers[row] = True
-        if boxes.number == 0:
-            continue
         # The object where it rests; whatever was placed before is outdated.
         T, raised = poses.T[row], poses.raised[row]
         scratch.stamp[0] += 1
+        total = raised
         for i in range(4):
             for j in range(4):
                 frames[0, i, j] = T[i, j]
+                total += T[i, j]
+        # What is not finite is not free.
+        answers[row] = np.isfinite(total)
         # The support is that of this pose.
         scratch.sweep[0] = raised
         boxes.support[0] = poses.contact[row]

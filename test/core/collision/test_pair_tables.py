@@ -30,8 +30,8 @@ ELBOW = """
   <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0.6 0 0.8"/>
     <origin xyz="0 0 0.2" rpy="0.1 0.2 0"/>
     <limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
-  <joint name="j2" type="{kind}"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
-    <origin xyz="0.05 0 0.1"/><limit lower="-2" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
+    <origin xyz="0.05 0 0.1"/><limit lower="{low}" upper="{high}" velocity="1" effort="1"/></joint>
 </robot>
 """
 
@@ -85,7 +85,7 @@ def apart(checker, row, first, at, *ranges):
 
 @pytest.fixture(scope="module")
 def elbow():
-    robot = Robot.from_urdf(ELBOW.format(kind="revolute"), srdf="<robot name='elbow'/>")
+    robot = Robot.from_urdf(ELBOW.format(low=-2, high=2.5), srdf="<robot name='elbow'/>")
     return robot, robot.arm("arm", "fore")
 
 
@@ -132,6 +132,11 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
     assert not apart(checker, row, first, arm.lower - 0.01)
     assert not apart(checker, row, first, arm.upper + 2 * CELL_RAD)
     assert not apart(checker, row, first, 0.0, 1e300, np.inf)
+
+
+def test_links_past_a_joint_that_hardly_turns_have_no_table():
+    robot = Robot.from_urdf(ELBOW.format(low=2.3, high=2.304), srdf="<robot name='elbow'/>")
+    assert not tabled_pairs(checker_for(robot, robot.arm("arm", "fore")))
 
 
 def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yumi):

@@ -104,8 +104,7 @@ def test_the_field_bounds_the_distance_of_any_point_to_all_boxes():
         assert lower <= d + 1e-9
         assert d <= upper + 1e-9
         nearest = np.clip(p, made.origin, made.origin + 0.01 * np.array(made.shape))
-        beyond = np.linalg.norm(p - nearest)
-        if beyond > 0.0:
+        if (beyond := np.linalg.norm(p - nearest)) > 0.0:
             outside += 1
             assert lower >= np.hypot(beyond, max(min(brute_force(nearest), 0.25) - 0.04, 0.0))
             continue
