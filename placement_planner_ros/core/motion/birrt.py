@@ -11,7 +11,7 @@ parents between the meeting node and the goal and relabels the tree; no node is 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,15 @@ def _nearest_node(nodes: Array, labels: Index32, count: int, q: Array, label: in
             best = distances[i]
             arg = i
     return arg
+
+
+def branch_of(parents: Sequence[int] | Index32, node: int) -> list[int]:
+    """The nodes from `node` to its tree's root, whose parent is -1."""
+    branch = []
+    while node >= 0:
+        branch.append(node)
+        node = int(parents[node])
+    return branch
 
 
 class GoalSetRRT:
@@ -466,16 +475,8 @@ class GoalSetRRT:
         self._count += 1
         return node
 
-    def _branch(self, node: int) -> list[int]:
-        """The nodes from `node` to its tree's root."""
-        branch = []
-        while node >= 0:
-            branch.append(node)
-            node = int(self._parents[node])
-        return branch
-
     def _path_to(self, node: int) -> Array:
-        path = self._nodes[:, self._branch(node)[::-1]].T
+        path = self._nodes[:, branch_of(self._parents, node)[::-1]].T
         return np.ascontiguousarray(without_repetition(path))
 
     def _cut_back(self) -> None:
@@ -489,9 +490,9 @@ class GoalSetRRT:
             kept = {0}
             for goal in self._goals.values():
                 if self._in_forward_tree(goal):
-                    kept.update(self._branch(goal.root))
+                    kept.update(branch_of(self._parents, goal.root))
                 else:
-                    kept.update(self._branch(goal.tip))
+                    kept.update(branch_of(self._parents, goal.tip))
             if 2 * len(kept) <= self._max_nodes:
                 break
         self._max_nodes = max(self._max_nodes, 2 * len(kept))

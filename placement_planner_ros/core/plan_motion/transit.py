@@ -29,15 +29,12 @@ class TransitSettings(Settings):
         patience: iterations after which a goal that resists makes room for one that waits.
         withdrawal: whether each backward tree begins with the way straight out of its goal, and
             gets a winding one where the goal resists.
-        winding: iterations after which a winding way is sought, and again each time as many have
-            passed.
         rrt: how the trees grow.
     """
 
     active_goals: int = setting(8, "[1, inf)")
     patience: int = setting(400, "[1, inf)")
     withdrawal: bool = True
-    winding: int = setting(100, "[1, inf)")
     rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
 
 
@@ -81,17 +78,15 @@ class GoalPlanner(Protocol):
 class _Candidate:
     """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
 
-    `branch` is the way out of it that is known, None until it is first active; `widen` is when the
-    next is sought, in `tree`; `turned` is whether it has been tried the other way round, too.
+    `tree` holds the ways out of it, None until it is first active; `turned` is whether it has been
+    tried the other way round, too.
     """
 
     goal: Goal
     key: int
     turns: int = 0
     activated: int = 0
-    branch: Array | None = None
     tree: WindingTree | None = None
-    widen: int = 0
     turned: bool = False
 
     def order(self) -> tuple[int, float]:
@@ -154,12 +149,19 @@ class _Trees:
         self, max_iterations: int, should_stop: Callable[[], bool]
     ) -> tuple[Goal, Array] | None:
         self._share()
-        self._widen(should_stop)
         found = self.rrt.solve(max_iterations, should_stop)
-        if found is None:
-            return None
-        key, path = found
-        return self._active[key].goal, path
+        if found is not None:
+            key, path = found
+            return self._active[key].goal, path
+        # Seek a winding way out of the goal that has come furthest out for what that took: some
+        # seconds each, which none gets where all take turns.
+        trees = [(c.tree.pace, key, c.tree) for key, c in self._active.items() if c.tree]
+        if trees:
+            _, key, tree = max(trees)
+            way = tree.grow(self._rng, should_stop)
+            if way is not None:
+                self.rrt.add_branch(key, way)
+        return None
 
     def _share(self) -> None:
         """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
@@ -189,10 +191,10 @@ class _Trees:
             self._active[candidate.key] = candidate
             self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
             # Give a goal its straight way out when it is first active.
-            if settings.withdrawal and candidate.branch is None:
-                candidate.branch = straight_way(self._holding, candidate.goal.q_raised)
-                candidate.widen = iterations + settings.winding
-                self.rrt.add_branch(candidate.key, candidate.branch)
+            if settings.withdrawal and candidate.tree is None:
+                branch = straight_way(self._holding, candidate.goal.q_raised)
+                candidate.tree = WindingTree(self._holding, branch)
+                self.rrt.add_branch(candidate.key, branch)
         del self._waiting[:room]
 
     def _other_way_round(self, goal: Goal) -> Goal | None:
@@ -217,23 +219,6 @@ class _Trees:
         if (ways < arm.lower).any() or (ways > arm.upper).any():
             return None
         return replace(goal, approach=approach, retreat=retreat)
-
-    def _widen(self, should_stop: Callable[[], bool]) -> None:
-        """Seek a winding way out of one goal that resists, the one that has waited longest."""
-        iterations = self.rrt.iterations
-        # The goal that is due for longest.
-        due = [c for c in self._active.values() if c.branch is not None and c.widen <= iterations]
-        if not due:
-            return
-        candidate = min(due, key=lambda c: c.widen)
-        candidate.widen = iterations + self._settings.winding
-        assert candidate.branch is not None
-        if candidate.tree is None:
-            candidate.tree = WindingTree(self._holding, candidate.branch)
-        way = candidate.tree.grow(self._rng, should_stop)
-        if way is not None:
-            candidate.branch = way
-            self.rrt.add_branch(candidate.key, way)
 
 
 class MotionPlanner:

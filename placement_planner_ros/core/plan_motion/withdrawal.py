@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.motion.birrt import branch_of
 from placement_planner_ros.core.types import Array
 
 _WAYPOINT_STEP_M = 0.03
@@ -18,7 +19,7 @@ _WAYPOINT_STEP_M = 0.03
 _DRAWN_OUT_M = 0.3
 """m from the goal, where the object counts as drawn out; of a winding way half as much is tried in
 one direction."""
-_TRIED_DIRECTIONS = 40
+_TRIED_DIRECTIONS = 120
 """Directions that a tree tries in one call."""
 _SMALLEST_STEP = 0.03
 """Of the step between waypoints, the smallest of a winding way: a millimetre."""
@@ -72,7 +73,15 @@ class WindingTree:
         self._places = [self._place(q) for q in branch]
         # The end of the known way is the furthest out so far.
         self._best = len(branch) - 1
-        self._out = self._distance(self._best)
+        self._out = self._begun = self._distance(self._best)
+        self._calls = 0
+
+    @property
+    def pace(self) -> float:
+        """How far each call has brought the object in the mean, before the first the smallest step,
+        m; 0 where it is out."""
+        come = self._out - self._begun + _SMALLEST_STEP * _WAYPOINT_STEP_M
+        return come / (1 + self._calls) if self._out < _DRAWN_OUT_M else 0.0
 
     def grow(
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
@@ -85,7 +94,8 @@ class WindingTree:
         Returns:
             None where the object is out already, or no way further out is found.
         """
-        nodes, begun = self._nodes, self._out
+        nodes, before = self._nodes, self._out
+        self._calls += 1
         run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
         places = np.array(self._places)
         for _ in range(_TRIED_DIRECTIONS):
@@ -119,15 +129,9 @@ class WindingTree:
             reached = self._distance(last)
             if reached > self._out:
                 self._best, self._out = last, reached
-        return None if self._out <= begun else self._way()
-
-    def _way(self) -> Array:
-        """(k, dof) from the goal to the node that is furthest out."""
-        way, node = [], self._best
-        while node >= 0:
-            way.append(self._nodes[node])
-            node = self._parents[node]
-        return np.array(way[::-1])
+        if self._out <= before:
+            return None
+        return np.array([nodes[node] for node in branch_of(self._parents, self._best)[::-1]])
 
     def _place(self, q: Array) -> Array:
         """(12,) m, where the object is at `q`: its origin, and its axes, as long as it is large."""

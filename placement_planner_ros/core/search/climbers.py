@@ -8,7 +8,8 @@ fail make them half as long.
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
 than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
-never to where an earlier check fails, until one is usable.
+never to where an earlier check fails, until one is usable. They are spread evenly over the coarse
+parts of pose sets, and what is lacking there: else most gather where no hand ever fits.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import math
 
 import numpy as np
 
-from placement_planner_ros.core.search.cell_layout import PoseSets
+from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
 from placement_planner_ros.core.types import Array, Index, Verdict
 
 _FIRST_STEP_M = 0.02
@@ -26,6 +27,8 @@ _LAST_STEP_M = 5e-4
 """A climber whose steps are shorter than this has arrived."""
 _TURN_RADIUS_M = 0.1
 """m that one radian of θ counts as."""
+_PARTS = 4.0, 4.0, 16.0
+"""Parts of a pose set along x, y and θ that blocked ones are spread over."""
 _CLIMBER = np.dtype(
     [
         ("set", np.int64),
@@ -86,17 +89,28 @@ class Climbers:
         """Begin at free places (n, 3) of sets (n,), ξ being at most (n,), by their verdicts (n,).
 
         At the usable ones with the highest ξ as far as there is room, the first step to a usable
-        pose being taken wherever it leads; at the others, repeated as needed, until as many are
-        blocked as are gone, or twice as many as may be usable.
+        pose being taken wherever it leads; at the others, spread with those that are blocked
+        already.
         """
         rows, climb = np.argsort(-values, kind="stable"), self._all["verdict"] == Verdict.FEASIBLE
         usable = rows[verdicts[rows] == Verdict.FEASIBLE][: max(self._most - np.sum(climb), 0)]
-        others = rows[verdicts[rows] < Verdict.FEASIBLE]
-        # Those that were blocked and climb now keep their place.
-        taken = max(len(self._all) - self._most, int(np.sum(~climb)))
-        room = max(min(self._gone, 2 * self._most) - taken, 0)
-        rows = np.concatenate([usable, np.resize(others, room if len(others) else 0)])
+        rows = np.concatenate([usable, np.flatnonzero(verdicts < Verdict.FEASIBLE)])
         new = np.zeros(len(rows), dtype=_CLIMBER)
         new["set"], new["place"], new["verdict"] = sets[rows], places[rows], verdicts[rows]
         new["value"], new["step"] = -np.inf, _FIRST_STEP_M
-        self._all = np.concatenate([self._all, new])
+        own = np.concatenate([self._all, new])
+        climb = own["verdict"] == Verdict.FEASIBLE
+        self._all = np.concatenate([own[climb], self._spread(own[~climb])])
+
+    def _spread(self, blocked: Cells) -> Cells:
+        """As many of blocked climbers (n,) as there is room for, none or several times each, so
+        that all pairs of a part of a pose set and what is lacking there have as many."""
+        room = min(self._gone, 2 * self._most) if len(blocked) else 0
+        low, high = self._sets.low[blocked["set"]], self._sets.high[blocked["set"]]
+        cells = np.floor((blocked["place"] - low) / (high - low) * _PARTS)
+        pairs = np.column_stack([blocked["set"], cells, blocked["verdict"]])
+        _, of, counts = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
+        # Evenly along the sum of their shares, from a random first on.
+        ends = np.cumsum(1.0 / counts[of.ravel()]) / len(counts)
+        rows = np.searchsorted(ends, (np.arange(room) + self._rng.random()) / max(room, 1))
+        return blocked[np.minimum(rows, len(blocked) - 1)]
