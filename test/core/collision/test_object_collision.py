@@ -11,6 +11,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import object as object_collision
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.collision.swept_object import swept_object
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -148,7 +149,7 @@ def test_what_lies_beneath_need_not_be_farther_by_what_is_strayed_sideways(cube)
 
 def test_checks_the_way_down(cube):
     shelf = block((-0.1, -0.1, 0.15), (0.1, 0.1, 0.16))
-    obstacles = obstacles_of(TABLE, shelf)
+    obstacles, balls = obstacles_of(TABLE, shelf), swept_object(cube)[0].balls.copy()
     checker = ObjectCollision(cube, obstacles)
     assert checker.free(standing(), 0.0, 0.0)
     assert checker.free(standing(), 0.0, 0.15 - CUBE - 0.004)
@@ -157,6 +158,7 @@ def test_checks_the_way_down(cube):
     # A bar narrower than the gap between any two samples of the way.
     bar = obstacles_of(TABLE, block((-0.3, 0.0, 0.3), (0.3, 0.0005, 0.3005), 0.002))
     assert not ObjectCollision(cube, bar).free(standing(), 0.0, 0.4)
+    assert (swept_object(cube)[0].balls == balls).all(), "checkers share nothing that they change"
 
 
 def test_far_from_everything_and_in_an_empty_world(cube):

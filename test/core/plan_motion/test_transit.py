@@ -56,12 +56,7 @@ def test_goals_that_resist_starve_no_other():
         motion.add(goal("left", SEALED + 0.2 * k, objective=1.0))
     reachable = goal("left", OPEN)
     motion.add(reachable)
-    found = None
-    for _ in range(40):
-        found = motion.plan(50, lambda: False)
-        if found is not None:
-            break
-    assert found is not None
+    found = next(filter(None, (motion.plan(50, lambda: False) for _ in range(40))))
     assert found[0] is reachable
     assert motion.goals == 7
     motion.retire(reachable)

@@ -27,7 +27,13 @@ def test_a_winding_way_leads_out_of_a_slot_of_millimetres():
         transit_free=in_slot,
     )
     tree, rng = WindingTree(holding, np.zeros((1, 3))), np.random.default_rng(0)
-    ways = [way for _ in range(200) if (way := tree.grow(rng)) is not None]
+    closed = SimpleNamespace(**vars(holding) | {"transit_free": lambda a, b: False})
+    shut = WindingTree(closed, np.zeros((1, 3)))
+    grown, ways = [], []
+    while tree.pace:
+        grown.append(max(shut, tree, key=lambda one: one.pace))
+        ways += [way for way in [grown[-1].grow(rng)] if way is not None]
+    assert 0 < grown.count(shut) < len(grown) / 3, "what comes out comes first"
     assert all(in_slot(a, b) for way in ways for a, b in itertools.pairwise(way))
     out = [np.linalg.norm(way[-1]) for way in ways]
     assert out == sorted(out), "further out than all before"

@@ -63,11 +63,8 @@ def hierarchy(**settings) -> AfrHierarchy:
     return AfrHierarchy([2, 1], 2, [square, strip], HierarchySettings(**settings))
 
 
-SETTINGS = {
-    MctsSampler: MctsSettings,
-    OptimisticSampler: OptimisticSettings,
-    UniformSampler: SamplerSettings,
-}
+KINDS = [MctsSampler, OptimisticSampler, UniformSampler]
+SETTINGS = dict(zip(KINDS, [MctsSettings, OptimisticSettings, SamplerSettings], strict=True))
 
 
 def sampler(kind=MctsSampler, seed=0, bounds=(), **settings):
@@ -83,12 +80,11 @@ def children(afr: AfrHierarchy, node: AfrNode) -> list[AfrNode]:
 
 def test_levels_are_arm_grasp_face_region_then_cells():
     afr = hierarchy(angle_intervals=4)
-    arms = children(afr, afr.root)
-    grasps = children(afr, arms[0])
-    faces = children(afr, grasps[0])
-    regions = children(afr, faces[0])
-    cells = children(afr, regions[0])
-    assert [len(level) for level in (arms, grasps, faces, regions, cells)] == [2, 2, 2, 2, 16]
+    levels = [[afr.root]]
+    for _ in range(5):
+        levels.append(children(afr, levels[-1][0]))
+    *_, regions, cells = levels
+    assert [len(level) for level in levels] == [1, 2, 2, 2, 2, 16]
     assert sum(cell.region.area for cell in cells) / 4 == pytest.approx(regions[0].region.area)
     assert {(c.angle_min, c.angle_max) for c in cells} == {
         (k * FULL_TURN / 4, (k + 1) * FULL_TURN / 4) for k in range(4)
@@ -100,19 +96,17 @@ def test_division_ends_at_the_minimal_area_and_angle():
     arm = children(afr, afr.root)[0]
     face = children(afr, children(afr, arm)[0])[0]
     level = [children(afr, face)[0]]
-    leaves = 0
+    leaves = []
     while level:
         node = level.pop()
         below = children(afr, node)
-        if not below:
-            leaves += 1
-            assert node.region.area <= 1e-3
-            assert node.angle_max - node.angle_min <= FULL_TURN / 16 * (1 + 1e-9)
+        leaves += [] if below else [(node.region.area, node.angle_max - node.angle_min)]
         level.extend(below)
-    assert leaves > 100
+    assert len(leaves) > 100
+    assert (np.array(leaves) <= (1e-3, FULL_TURN / 16 * (1 + 1e-9))).all()
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_call_ends_at_its_budgets(kind):
     made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000, batch=10)
     made.sample_goals(-np.inf, never)
@@ -147,7 +141,7 @@ def test_optimistic_search_comes_closer_to_the_optimum_than_uniform_sampling():
     assert np.median(gaps[OptimisticSampler]) < 0.5 * np.median(gaps[UniformSampler])
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+@pytest.mark.parametrize("kind", KINDS)
 def test_goals_beat_the_best_value_and_the_counts_add_up(kind):
     made, _ = sampler(kind, samples_per_call=2000, goals_per_call=10_000)
     goals = made.sample_goals(-0.05, never)
@@ -168,7 +162,7 @@ def test_uniform_sampling_is_uniform_over_the_regions_by_area():
     assert square[:, 2].mean() == pytest.approx(np.pi, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_same_seed_gives_the_same_goals(kind):
     def run(seed):
         made, _ = sampler(kind, seed=seed, samples_per_call=2000, goals_per_call=10_000)
@@ -257,7 +251,9 @@ def test_blocked_climbers_wander_where_it_is_better_until_a_hand_is_free():
     """
     made, seen = Climbers(hierarchy().sets, 30, np.random.default_rng(3)), []
     made._gone, lacking = 60, np.array([Verdict.ARM_COLLIDING])
-    made.begin(np.zeros(1, int), np.array([[0.02, 0.01, 5.0]]), np.zeros(1), lacking)
+    places = np.repeat([[0.02, 0.01, 5.0], [0.02, 0.01, 1.0]], (1, 39), axis=0)
+    made.begin(np.zeros(40, int), places, np.zeros(40), np.repeat(lacking, 40))
+    assert np.sum(made._all["place"][:, 2] == 5.0) == 30, "as many of both"
     for _ in range(1000):
         _, at, least = made.propose(-1.0)
         better, lacks = at[:, 1] < 0.02, np.where(at[:, 0] > 0.15, Verdict.NO_RELEASE, lacking)
@@ -357,7 +353,7 @@ def test_uniform_poses_lie_on_their_region(kind):
     assert ((contacts[:, 0] > 0.02).mean()) == pytest.approx(0.38 / 0.78, abs=0.06)
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+@pytest.mark.parametrize("kind", KINDS)
 def test_samplers_can_be_made_where_there_is_nothing_to_sample(kind):
     """The planner makes its sampler first and then says that there is no region."""
     empty = AfrHierarchy([1], 1, [], HierarchySettings())
