@@ -153,8 +153,8 @@ class _Trees:
         if found is not None:
             key, path = found
             return self._active[key].goal, path
-        # Seek a winding way out of the goal that has come furthest out for what that took: some
-        # seconds each, which none gets where all take turns.
+        # Seek a winding way out of the goal that has gained most beyond its straight one for what
+        # that took: some seconds each, which none gets where all take turns.
         trees = [(c.tree.pace, key, c.tree) for key, c in self._active.items() if c.tree]
         if trees:
             _, key, tree = max(trees)

@@ -73,15 +73,15 @@ class WindingTree:
         self._places = [self._place(q) for q in branch]
         # The end of the known way is the furthest out so far.
         self._best = len(branch) - 1
-        self._out = self._begun = self._distance(self._best)
-        self._calls = 0
+        self._out = self._distance(self._best)
+        self._begun, self._calls = self._out - _SMALLEST_STEP * _WAYPOINT_STEP_M, 0
 
     @property
     def pace(self) -> float:
-        """How far each call has brought the object in the mean, before the first the smallest step,
-        m; 0 where it is out."""
-        come = self._out - self._begun + _SMALLEST_STEP * _WAYPOINT_STEP_M
-        return come / (1 + self._calls) if self._out < _DRAWN_OUT_M else 0.0
+        """m that a call has gained beyond the known way in the mean, and the smallest step before
+        the first; 0 where the object is out, or there are more nodes than are worth it."""
+        done = self._out >= _DRAWN_OUT_M or len(self._nodes) > 10_000
+        return 0.0 if done else (self._out - self._begun) / (1 + self._calls)
 
     def grow(
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
@@ -99,7 +99,7 @@ class WindingTree:
         run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
         places = np.array(self._places)
         for _ in range(_TRIED_DIRECTIONS):
-            if self._out >= _DRAWN_OUT_M or should_stop():
+            if not self.pace or should_stop():
                 break
             # From the node that is furthest out, or from the one nearest to a place beside another.
             last = self._best

@@ -100,12 +100,12 @@ class Climbers:
         new["value"], new["step"] = -np.inf, _FIRST_STEP_M
         own = np.concatenate([self._all, new])
         climb = own["verdict"] == Verdict.FEASIBLE
-        self._all = np.concatenate([own[climb], self._spread(own[~climb])])
+        self._all = np.concatenate([own[climb], self._spread(own[~climb], int(np.sum(climb)))])
 
-    def _spread(self, blocked: Cells) -> Cells:
-        """As many of blocked climbers (n,) as there is room for, none or several times each, so
-        that all pairs of a part of a pose set and what is lacking there have as many."""
-        room = min(self._gone, 2 * self._most) if len(blocked) else 0
+    def _spread(self, blocked: Cells, usable: int) -> Cells:
+        """As many of blocked climbers (n,) as there is room for beside usable ones, none or several
+        times each: as many, in the mean, of each part of a pose set and what is lacking there."""
+        room = min(self._gone, 2 * self._most, 3 * self._most - usable) if len(blocked) else 0
         low, high = self._sets.low[blocked["set"]], self._sets.high[blocked["set"]]
         cells = np.floor((blocked["place"] - low) / (high - low) * _PARTS)
         pairs = np.column_stack([blocked["set"], cells, blocked["verdict"]])
