@@ -78,8 +78,8 @@ class WindingTree:
 
     @property
     def pace(self) -> float:
-        """m that a call has gained beyond the known way in the mean, and the smallest step before
-        the first; 0 where the object is out, or there are more nodes than are worth it."""
+        """m gained beyond the known way, and the smallest step, for each call and one more; 0 where
+        the object is out, or there are more nodes than are worth it."""
         done = self._out >= _DRAWN_OUT_M or len(self._nodes) > 10_000
         return 0.0 if done else (self._out - self._begun) / (1 + self._calls)
 

@@ -8,8 +8,8 @@ fail make them half as long.
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
 than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
-never to where an earlier check fails, until one is usable. They are spread evenly over the coarse
-parts of pose sets, and what is lacking there: else most gather where no hand ever fits.
+never to where an earlier check fails, until one is usable. They are spread evenly, in the mean,
+over parts of pose sets and what is lacking there: else most gather where no hand ever fits.
 """
 
 from __future__ import annotations
