@@ -5,6 +5,9 @@ of arguments, and keeps that on disk; it notices a change of the file that holds
 of what the kernel calls from other files. So each program has numba keep kernels in a folder named
 after the sources of all kernels, where and when they were written, and numba and llvmlite. Nothing
 here imports numba, which looks once at where to keep them.
+
+A number that is written out, or counted from, is of a kind of its own to numba: kernels hand on
+`int(count)`, or what they call is compiled once more.
 """
 
 from __future__ import annotations

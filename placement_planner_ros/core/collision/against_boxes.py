@@ -265,7 +265,7 @@ def leaves_keep_boxes(
     return True
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def bodies_keep_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, kept: KeptMargins
 ) -> bool:

@@ -237,7 +237,7 @@ def _pair_keeps(
     return motion
 
 
-@njit(cache=True, nogil=True, pipeline_class=Uncounted, inline="always")
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
 def pairs_keep(arm: ArmArrays, scratch: ArmScratch, count: int, margin: float) -> bool:
     """Whether pairs of bodies, those among the first `count` items asked for, certainly keep the
     margin.

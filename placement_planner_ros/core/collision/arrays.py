@@ -22,7 +22,7 @@ from placement_planner_ros.core.collision.solids import CollisionBody, SolidRows
 from placement_planner_ros.core.collision.spheres import body_rows
 from placement_planner_ros.core.disk_cache import digest_of
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.types import Array, Index, Mask
+from placement_planner_ros.core.types import Array, Index, Mask, frozen_array
 
 BODY_JOINT, BODY_FIRST_SET = 0, 1
 NODE_SKIP, NODE_SET = 0, 1
@@ -233,8 +233,8 @@ def lay_out_arm(
 def lone_body(rows: SolidRows) -> FlatArm:
     """A body that frame 0 moves, as an arm without joints."""
     arrays = ArmArrays(
-        fixed=np.eye(4)[None],
-        prismatic=np.zeros(0, dtype=np.bool_),
+        fixed=frozen_array(np.eye(4)[None]),
+        prismatic=np.broadcast_to(np.False_, 0),
         moving=1,
         held=-1,
         **_stack_bodies([rows], [0], [rows.ball()]),

@@ -42,11 +42,9 @@ def check_states(
         scratch.asked[item] = item
         scratch.motion[item] = 0.0
     for i in range(Q.shape[0]):
-        total = 0.0
         for j in range(q.shape[0]):
             q[j] = Q[i, j]
-            total += q[j]
-        answers[i] = np.isfinite(total)
+        answers[i] = np.isfinite(q.sum())
         if answers[i]:
             # Most collisions are with the obstacle set.
             place_joints(arm, scratch, q)
@@ -81,7 +79,7 @@ def check_hands(
         while count < arm.moving and arm.bodies[count, at.BODY_JOINT] == last:
             scratch.asked[count] = count
             count += 1
-        carried = count
+        carried = int(count)
         place_spheres(arm, scratch, carried)
         answers[i] = bodies_keep_boxes(arm, boxes, scratch, carried, kept)
         if answers[i]:
@@ -92,4 +90,4 @@ def check_hands(
                 if inner >= arm.moving and outer < carried:
                     scratch.asked[count] = arm.moving + pair
                     count += 1
-            answers[i] = pairs_keep(arm, scratch, count, kept.self_margin)
+            answers[i] = pairs_keep(arm, scratch, int(count), kept.self_margin)

@@ -146,9 +146,9 @@ def check_edge(
                 count += 1
                 moved[item] = bound[movers[item, 0], movers[item, 1]]
         # The margins at the middle.
-        if not bodies_keep_boxes(arm, boxes, scratch, count, kept):
+        if not bodies_keep_boxes(arm, boxes, scratch, int(count), kept):
             return False
-        if not pairs_keep(arm, scratch, count, kept.self_margin):
+        if not pairs_keep(arm, scratch, int(count), kept.self_margin):
             return False
         # What keeps its motion too is settled, and all is to be within the shortest interval.
         open_items = False

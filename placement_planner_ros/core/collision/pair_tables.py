@@ -95,7 +95,8 @@ def _fill_table(
     dof = arm.fixed.shape[0] - 1
     q, delta = np.zeros(dof), np.zeros(dof)
     # Only this pair is asked for, at a configuration.
-    scratch.asked[0] = arm.moving + pair
+    asked = scratch.asked[:1]
+    asked[0] = arm.moving + pair
     scratch.motion[arm.moving + pair] = 0.0
     # Blocks that wait: first row, first column, cells along each side.
     stack = np.zeros((64, 3), dtype=np.int64)
@@ -113,7 +114,7 @@ def _fill_table(
         place_joints(arm, scratch, q)
         place_spheres(arm, scratch, arm.moving)
         bound_motion(arm, scratch, delta, scratch.bound)
-        if pairs_keep(arm, scratch, 1, clear + scratch.bound[outer, joint]):
+        if pairs_keep(arm, scratch, len(asked), clear + scratch.bound[outer, joint]):
             apart[k : k + size, m : m + size] = True
         elif size > 1:
             # The block's quarters, those that begin within the table.

@@ -301,7 +301,7 @@ def track_targets(arm: IKArm, targets: Array, q0: Array, path: Array, scratch: I
     other = np.empty(6)
     for n in range(len(targets)):
         # On to the next target, from the configuration before.
-        if not descend_to_target(arm, targets[n], q, STALL_ITERATIONS, scratch):
+        if not descend_to_target(arm, targets[n], q, int(STALL_ITERATIONS), scratch):
             return False
         path[n] = q
         # No joint may have moved too far; half-way in the joints.

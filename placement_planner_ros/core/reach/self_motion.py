@@ -110,7 +110,7 @@ def _walk_self_motion(
             ahead[i] = min(max(last[i] + length * tangent[i], lower[i]), upper[i])
             q[i] = ahead[i]
         # Back onto the pose, and not far along it: else it may be another curve.
-        reached = descend_to_target(arm, target, q, STALL_ITERATIONS, scratch)
+        reached = descend_to_target(arm, target, q, int(STALL_ITERATIONS), scratch)
         strayed = 0.0
         for i in range(dof):
             strayed = max(strayed, abs(q[i] - ahead[i]))
@@ -164,7 +164,7 @@ def sweep_target(arm: IKArm, target: Array, starts: Array, found: Array, scratch
                 # The walk along it.
                 moves = True
                 count = _walk_self_motion(
-                    arm, target, starts[: s + 1], tangent, found, count, scratch
+                    arm, target, starts[: s + 1], tangent, found, int(count), scratch
                 )
             # One direction spans a curve; a surface is cut along one direction for each joint.
             if moves and spare == 1:
