@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         "--object": "instead of object.mesh",
         "--joints": "the start: lines `joint: value`, or a joint state as ros2 topic echo writes "
         "it; else `start` of placement_scene in the params file, else that of the bundled robot, "
-        "for others zero or the limit next to it, the fingers at the object",
+        "for others zero or the limit next to it; where there is none, hands open",
         "--write-srdf": "with the pairs that are left out",
         "--picture": "robot, grasps, target volume and cover (PNG)",
     }
@@ -270,9 +270,8 @@ def check_search(snapshot: Snapshot, findings: Findings) -> None:
     # kernels are loaded, the first time compiled, before the search's time counts
     with contextlib.suppress(PlacementPlannerError):  # which the search tells
         warm_up(snapshot.robot, snapshot.arms, snapshot.q_start)
-    why = ""
+    why, began = "", time.process_time()
     for share in (0.1, 0.5, 0.9):
-        began = time.process_time()
         found = findings.attempt(partial(_search, snapshot, share))
         if found is None:
             return
