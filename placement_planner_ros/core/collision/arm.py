@@ -228,6 +228,8 @@ class ArmCollision:
             slack: metres that points of the hand may be off by at a configuration.
             reserve, contact: as in `free`.
         """
+        if not len(T_world_tip):
+            return np.empty(0, dtype=np.bool_)
         # The margins, less what inverse kinematics may miss.
         margin, self_margin, _ = self._margins(reserve, contact)
         kept = KeptMargins(margin - slack, self_margin - slack, contact)

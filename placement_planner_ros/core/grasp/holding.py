@@ -128,7 +128,7 @@ class Holding:
         Args:
             openings: (n, 3) unit directions of the ways back.
         """
-        if self.any_turn is not None:
+        if self.any_turn is not None or not len(T_world_object):
             return np.full(len(T_world_object), Verdict.FEASIBLE)
         T_world_tip = T_world_object @ self._T_object_tip.homogeneous
         verdicts = np.where(self._ik.reachable(T_world_tip), Verdict.ARM_COLLIDING, Verdict.NO_IK)

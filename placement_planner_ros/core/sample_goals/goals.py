@@ -80,7 +80,7 @@ class GoalFinder:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
         # Cheap constraints of all draws at once.
         lacking = np.zeros(len(draws.face))
-        least = np.full(len(lacking), np.nan) if draws.least is None else draws.least
+        least = np.full(len(lacking), best) if draws.least is None else draws.least
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )

@@ -35,8 +35,8 @@ class Draws:
     Attributes:
         contact: (n, 3).
         slope: (n, 2) of the plane through it that the object stands on.
-        least: (n,) ξ above which they are of use though not better than ξ_best, NaN: of no use;
-            None: none is.
+        least: (n,) ξ above which they are of use though not better than ξ_best, NaN: whatever it
+            is; None: only those that are better.
     """
 
     arm: Index
