@@ -21,7 +21,7 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.search.sampler import Draws, Outcome, TryOrder, as_drawn
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array, Contact, Goal, Index, Verdict
+from placement_planner_ros.core.types import Array, Contact, Goal, Index, Mask, Verdict
 
 _ASKED_AT_ONCE = 64
 """Poses whose objective is asked for together; in between it is looked whether anybody waits."""
@@ -94,14 +94,13 @@ class GoalFinder:
         verdicts[free] = Verdict.NOT_BETTER
         # What the tip alone decides, with each arm and grasp, of those that may be of use.
         asked = free[~(values[free] <= least[free])]
-        firsts = self._first_verdicts(draws, asked, T)
+        firsts = self._first_verdicts(draws, asked, T, values[asked] > best)
         usable = (firsts == Verdict.FEASIBLE).any(axis=1)
         # Those that would be better are to be reached.
         better = asked[values[asked] > best]
         blocked = better[~usable[better]]
         verdicts[blocked] = firsts[blocked].max(axis=1)
-        found: list[Goal] = []
-        outcome = Outcome(verdicts, values, usable, found)
+        outcome = Outcome(verdicts, values, usable, [])
         for row in order(better[usable[better]], outcome, best):
             if should_stop():
                 break
@@ -118,8 +117,8 @@ class GoalFinder:
                 continue
             verdicts[row] = Verdict.FEASIBLE
             values[row] = reached.objective
-            found.append(reached)
-            if len(found) == goals:
+            outcome.goals.append(reached)
+            if len(outcome.goals) == goals:
                 break
         return outcome
 
@@ -131,15 +130,17 @@ class GoalFinder:
             return finite_answer(bounded, lambda: bounded.values_above(T, best), len(T))
         return estimate_batch(self._objective, T)
 
-    def _first_verdicts(self, draws: Draws, rows: Index, T: Array) -> Index:
+    def _first_verdicts(self, draws: Draws, rows: Index, T: Array, better: Mask) -> Index:
         """(n, h) `Holding.first_verdicts` of these rows of the poses T (n, 4, 4); OUTSIDE_VOLUME of
-        others, and of arms and grasps other than the one drawn."""
+        others, of arms and grasps other than the one drawn, and once one can of those that are
+        not `better`."""
         firsts = np.full((len(T), len(self.holdings)), Verdict.OUTSIDE_VOLUME)
         arm = draws.arm[rows]
         drawn = np.where(arm < 0, -1, self._first[arm] + draws.grasp[rows])
         openings = np.array([self._poses.contacts.opening(f) for f in draws.face[rows].tolist()])
         for k, holding in enumerate(self.holdings if len(rows) else ()):
             asked = (drawn < 0) | (drawn == k)
+            asked &= better | (firsts[rows].max(axis=1) < Verdict.FEASIBLE)
             firsts[rows[asked], k] = holding.first_verdicts(T[rows[asked]], openings[asked])
         return firsts
 

@@ -131,7 +131,8 @@ def test_what_no_hand_can_place_is_not_reached_for(made):
     for draws in (planner.sampler._draw(-np.inf) for _ in range(30)):
         verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
-        firsts = finder._first_verdicts(draws, free, T).max(axis=1)
+        firsts = finder._first_verdicts(draws, free, T, free >= 0).max(axis=1)
+        assert (firsts == finder._first_verdicts(draws, free, T, free < 0).max(axis=1)).all()
         for row in free[firsts[free] != Verdict.FEASIBLE]:
             if told.count(firsts[row]) < 40:
                 told.append(firsts[row])
