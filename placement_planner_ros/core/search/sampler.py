@@ -56,8 +56,8 @@ class Outcome:
         verdicts: (n,) of each draw; NOT_BETTER of those, too, that nobody tried to reach.
         values: (n,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
             else -inf.
-        usable: (n,) which are free of collision, some arm that may be used being long enough and
-            its hand free.
+        usable: (n,) which of those that are of use (`Draws.least`) are free of collision, some arm
+            that may be used being long enough and its hand free.
         goals: those found, in the order of the tries.
     """
 
