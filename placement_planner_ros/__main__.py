@@ -12,6 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+from placement_planner_ros.heaps import share_heaps
 from placement_planner_ros.interrupts import catch_signals, ended_while_loading
 
 PACKAGE = "placement_planner_ros"
@@ -55,6 +56,7 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
     Args:
         until_signal: whether it runs until a signal ends it, which is no fault then.
     """
+    share_heaps()
     if until_signal:
         catch_signals()
     with ended_while_loading(0 if until_signal else None):

@@ -174,7 +174,7 @@ def node_command() -> list[str]:
     volume = scene_by_name(SCENE).volume
     corners = [*volume.lower.tolist(), *volume.upper.tolist()]
     return [
-        *("-m", "placement_planner_ros.ros.node", *_COMMON),
+        *("-m", "placement_planner_ros", "placement_planner", *_COMMON),
         *("--params-file", str(share_path("config", f"{OBJECT}.yaml"))),
         *("-p", f"target_volume:={corners}", "-p", "time_limit:=0.0"),
     ]

@@ -55,7 +55,7 @@ from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup.warm_up import warm_up
-from placement_planner_ros.ros.process import shrink_heaps
+from placement_planner_ros.heaps import shrink_heaps
 
 Entry = dict[str, Any]
 ROWS = ("first", "edges", "node", "agreement")
@@ -217,7 +217,7 @@ def _seconds_to_warm(
     subject: MeasuredRobot, environment: dict[str, str]
 ) -> tuple[float | None, float | None]:
     paths = [str(folder) for folder in subject.package_dirs]
-    command = [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args"]
+    command = [sys.executable, "-m", "placement_planner_ros", "placement_planner", "--ros-args"]
     command += ["--params-file", str(subject.file), "-p", f"package_paths:={json.dumps(paths)}"]
     began = time.monotonic()
     process = subprocess.Popen(

@@ -18,7 +18,7 @@ from placement_planner_ros.__main__ import VIEW_REMEDY
 from placement_planner_ros.core.child_process import child_environment
 
 _HOST = "127.0.0.1"
-_NODE = [sys.executable, "-m", "placement_planner_ros.ros.node"]
+_NODE = [sys.executable, "-m", "placement_planner_ros", "placement_planner"]
 """The program of the node."""
 
 

@@ -35,7 +35,7 @@ from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.server import ParameterNode, ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.patience import LOOK_S, STOP_PATIENCE_S
-from placement_planner_ros.ros.process import begin_ros, leave_at_once, share_heaps
+from placement_planner_ros.ros.process import begin_ros, leave_at_once
 from placement_planner_ros.ros.run.preparation import Preparation, Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
@@ -246,8 +246,6 @@ def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     faulthandler.enable()  # a crash in compiled code says what each thread was doing
-    # before any thread begins, as those that have begun keep their heaps
-    share_heaps()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     # before ROS is initialised, which here brings no handlers of its own
     asked = catch_signals()
@@ -275,7 +273,3 @@ def main(args: list[str] | None = None) -> None:
     node.destroy_node()
     rclpy.shutdown()
     leave_at_once()
-
-
-if __name__ == "__main__":
-    main()

@@ -49,7 +49,14 @@ def start_node(log: Path, *arguments: str) -> subprocess.Popen:
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     with log.open("wb") as stream:
         return subprocess.Popen(
-            [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args", *arguments],
+            [
+                sys.executable,
+                "-m",
+                "placement_planner_ros",
+                "placement_planner",
+                "--ros-args",
+                *arguments,
+            ],
             cwd=log.parent,
             env={**os.environ, "PYTHONPATH": path},
             stdout=stream,

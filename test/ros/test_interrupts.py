@@ -141,7 +141,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
         f'<robot name="r"><link name="l"><collision><geometry>{shape}</geometry></collision></link>'
         "</robot>"
     )
-    command = [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args"]
+    command = [sys.executable, "-m", "placement_planner_ros", "placement_planner", "--ros-args"]
     root = str(Path(placement_planner_ros.__file__).parent.parent)
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     node = subprocess.Popen(
@@ -156,7 +156,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
                 if bytes(tmp_path) in (process / "environ").read_bytes():
                     words = (process / "cmdline").read_bytes().decode()
                     found += [word for word in words.split("\0") if word.startswith("placement_")]
-        return sorted(set(found) - {"placement_planner_ros.ros.node"})
+        return sorted(set(found) - {"placement_planner_ros", "placement_planner"})
 
     try:
         wait(lambda: len(others()) == 2 or node.poll() is not None)

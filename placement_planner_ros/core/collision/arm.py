@@ -7,6 +7,7 @@ a margin is not free: `free` is never true nearer than the margin.
 from __future__ import annotations
 
 import copy
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -119,6 +120,18 @@ class Meeting:
         return f"{self.first} meets {self.second} at ({x:.3f}, {y:.3f}, {z:.3f})"
 
 
+_EDGE_ROOMS = threading.local()
+
+
+def _edge_room(movers: int) -> tuple[Array, Mask]:
+    """What `check_edge` works in: in each thread one for all that have as many bodies and pairs."""
+    room: tuple[Array, Mask] | None = vars(_EDGE_ROOMS).get(str(movers))
+    if room is None:
+        settled = np.zeros((_QUEUED_INTERVALS, movers), dtype=np.bool_)
+        room = vars(_EDGE_ROOMS)[str(movers)] = np.zeros((_QUEUED_INTERVALS, 2)), settled
+    return room
+
+
 class ArmCollision:
     """One arm with one object in one grasp, all other joints at rest.
 
@@ -164,8 +177,6 @@ class ArmCollision:
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         if isinstance(load, PlacedObject):
             self.place(load.T_world_object)
-        self._queue = np.zeros((_QUEUED_INTERVALS, 2))
-        self._settled = np.zeros((_QUEUED_INTERVALS, len(arrays.movers)), dtype=np.bool_)
         self._no_deviation = np.zeros(self._dof)
         # The same arm against another set of obstacles, in the same buffers.
         self._aside: ArmCollision | None = None
@@ -266,7 +277,7 @@ class ArmCollision:
         edge, settings = JointEdge(*ends, strays.reshape(self._dof)), self.settings
         resolutions = settings.edge_resolution, settings.self_resolution
         limits = EdgeLimits(self._margins(reserve, contact), *resolutions)
-        work = self._queue, self._settled
+        work = _edge_room(len(self._flat.arrays.movers))
         free = check_edge(self._flat.arrays, self._boxes, self._scratch, edge, limits, work)
         if not free:
             _require_finite(np.array(edge))
@@ -333,7 +344,6 @@ class ArmCollision:
         other = self.with_pairs(lambda a, b: False, settings, environment=False)
         other._obstacles, other._boxes = obstacles, box_arrays(obstacles)
         other._scratch = scratch_for(self._flat)
-        other._queue, other._settled = np.zeros_like(self._queue), np.zeros_like(self._settled)
         return other
 
     def _margins(self, reserve: float, contact: bool) -> KeptMargins:

@@ -15,8 +15,8 @@ from placement_planner_ros.core.explanation.explanation import SENSOR
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
+from placement_planner_ros.heaps import shrink_heaps
 from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
-from placement_planner_ros.ros.process import shrink_heaps
 from placement_planner_ros.ros.run.preparation import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.spinning import survive
