@@ -49,14 +49,7 @@ def start_node(log: Path, *arguments: str) -> subprocess.Popen:
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     with log.open("wb") as stream:
         return subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "placement_planner_ros",
-                "placement_planner",
-                "--ros-args",
-                *arguments,
-            ],
+            [sys.executable, "-m", "placement_planner_ros", NODE, "--ros-args", *arguments],
             cwd=log.parent,
             env={**os.environ, "PYTHONPATH": path},
             stdout=stream,

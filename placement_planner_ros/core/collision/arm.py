@@ -7,6 +7,7 @@ a margin is not free: `free` is never true nearer than the margin.
 from __future__ import annotations
 
 import copy
+import functools
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -120,16 +121,10 @@ class Meeting:
         return f"{self.first} meets {self.second} at ({x:.3f}, {y:.3f}, {z:.3f})"
 
 
-_EDGE_ROOMS = threading.local()
-
-
-def _edge_room(movers: int) -> tuple[Array, Mask]:
-    """What `check_edge` works in: in each thread one for all that have as many bodies and pairs."""
-    room: tuple[Array, Mask] | None = vars(_EDGE_ROOMS).get(str(movers))
-    if room is None:
-        settled = np.zeros((_QUEUED_INTERVALS, movers), dtype=np.bool_)
-        room = vars(_EDGE_ROOMS)[str(movers)] = np.zeros((_QUEUED_INTERVALS, 2)), settled
-    return room
+@functools.lru_cache(maxsize=_REMEMBERED_ARMS)
+def _edge_room(movers: int, thread: int) -> tuple[Array, Mask]:
+    """What `check_edge` works in, for all that have so many bodies and pairs, in one thread."""
+    return np.zeros((_QUEUED_INTERVALS, 2)), np.zeros((_QUEUED_INTERVALS, movers), dtype=np.bool_)
 
 
 class ArmCollision:
@@ -277,7 +272,7 @@ class ArmCollision:
         edge, settings = JointEdge(*ends, strays.reshape(self._dof)), self.settings
         resolutions = settings.edge_resolution, settings.self_resolution
         limits = EdgeLimits(self._margins(reserve, contact), *resolutions)
-        work = _edge_room(len(self._flat.arrays.movers))
+        work = _edge_room(len(self._flat.arrays.movers), threading.get_ident())
         free = check_edge(self._flat.arrays, self._boxes, self._scratch, edge, limits, work)
         if not free:
             _require_finite(np.array(edge))

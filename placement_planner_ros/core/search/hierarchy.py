@@ -129,9 +129,9 @@ class AfrHierarchy:
         # Which part of the region, and which interval of the angle.
         pieces = self._pieces(node)
         part, piece = divmod(index, pieces)
-        ends = np.linspace(node.angle_min, node.angle_max, pieces + 1)[piece : piece + 2]
-        region = self._parts(node.region)[part]
-        return replace(node, region=region, angle_min=ends[0], angle_max=ends[1])
+        length = (node.angle_max - node.angle_min) / pieces
+        ends = node.angle_min + piece * length, node.angle_min + (piece + 1) * length
+        return AfrNode(node.arm, node.grasp, node.face, self._parts(node.region)[part], *ends)
 
     def _parts(self, region: Region) -> tuple[Region, ...]:
         """r_1 … r_4, or the region itself where it is not to be split; each region once."""

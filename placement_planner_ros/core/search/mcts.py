@@ -32,7 +32,6 @@ class MctsSettings(SamplerSettings):
         max_nodes: bound on the tree's size.
     """
 
-    batch: int = setting(64, "[1, inf)")
     exploration: float = setting(1.0, "[0, inf)")
     max_nodes: int = setting(200_000, "[1, inf)")
 
@@ -69,13 +68,11 @@ class MctsSampler(BatchSampler):
 
     def _draw(self, best: float) -> Draws:
         """A pose from each node that Algorithm 3 selects for the batch."""
-        # Each selected node counts as visited, without reward, until all are selected.
+        # Each counts as visited as it is selected, and is rewarded once it is known for what.
         self._selected = []
         for _ in range(self._budget.batch):
             self._selected.append(self.tree.select())
             self.tree.update(self._selected[-1], 1, 0.0)
-        for node in self._selected:
-            self.tree.update(node, -1, 0.0)
         nodes = [self.tree.nodes[n] for n in self._selected]
         regions = [node.region for node in nodes if node.region is not None]
         low, high = np.array([(node.angle_min, node.angle_max) for node in nodes]).T
@@ -94,4 +91,4 @@ class MctsSampler(BatchSampler):
             # A leaf is rewarded where it is feasible, others by the checks passed.
             feasible = float(verdict == Verdict.FEASIBLE)
             leaf = self.tree.is_leaf(node)
-            self.tree.update(node, 1, feasible if leaf else checks_passed(verdict))
+            self.tree.update(node, 0, feasible if leaf else checks_passed(verdict))

@@ -46,8 +46,8 @@ from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
-_REDRAWS = 16
-"""Times that uniform poses are drawn anew where few can be better."""
+_REDRAWS = 4
+"""Times that uniform poses are drawn anew where few can be better, twice as many each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +111,8 @@ class OptimisticSampler(BatchSampler):
         self._ranked_at = 0  # samples by which they are
         # the cells that poses were drawn from last, these poses, and which of them are uniform
         self._drawn, self._places, self._evenly = self._filed[:0], np.empty((0, 3)), slice(0)
+        # uniform ones with their cells that are left for the next, and the ξ_best they were for
+        self._spare, self._spare_for = (self._drawn, self._places), -np.inf
 
     def _draw(self, best: float) -> Draws:
         """Poses in parts of the most promising cells, and uniform ones; only these at first, and
@@ -177,16 +179,17 @@ class OptimisticSampler(BatchSampler):
         """The coarse cells (n,) of uniform poses, and these (n, 3) as x, y, θ: so many, each kept
         the likelier the more ξ of its cell may be above `best`; some, where few are kept."""
         bounds = self._bounds
-        if best == -np.inf or bounds is None or not bounds.bounded:
+        # What the last call kept beyond its count is kept still while ξ_best is the same.
+        cells, poses = self._spare if best == self._spare_for else self._coarse(0)
+        if best > -np.inf and bounds is not None and bounds.bounded:
+            for times in range(_REDRAWS):
+                if len(cells) >= count:
+                    break
+                more, places = self._kept(*self._coarse(4 * count << times), best, bounds)
+                cells, poses = np.append(cells, more), np.vstack([poses, places])
+        if not len(cells):
             cells, poses = self._coarse(count)
-            return self._as_nodes(cells), poses
-        cells, poses = self._coarse(0)
-        for _ in range(_REDRAWS):
-            if len(cells) >= count:
-                break
-            more = self._kept(*self._coarse(4 * count), best, bounds)
-            cells, poses = (np.concatenate(both) for both in zip((cells, poses), more, strict=True))
-        cells, poses = (cells, poses) if len(cells) else self._coarse(count)
+        self._spare, self._spare_for = (cells[count:], poses[count:]), best
         return self._as_nodes(cells[:count]), poses[:count]
 
     def _kept(self, cells: Cells, poses: Array, best: float, by: CellBounds) -> tuple[Cells, Array]:

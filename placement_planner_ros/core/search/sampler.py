@@ -25,7 +25,7 @@ class SamplerSettings(Settings):
 
     samples_per_call: int = setting(200, "[1, inf)")
     goals_per_call: int = setting(1, "[1, inf)")
-    batch: int = setting(16, "[1, inf)")
+    batch: int = setting(64, "[1, inf)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
