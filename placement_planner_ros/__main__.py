@@ -56,10 +56,10 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
     Args:
         until_signal: whether it runs until a signal ends it, which is no fault then.
     """
-    share_heaps()
     if until_signal:
         catch_signals()
     with ended_while_loading(0 if until_signal else None):
+        share_heaps()
         # Before numba is imported.
         import_module(f"{PACKAGE}.core.kernels").use_kernel_folder()
         try:

@@ -7,7 +7,7 @@ import ctypes
 
 
 def share_heaps() -> None:
-    """Let all threads share one heap, where none has been begun yet.
+    """Let all threads share one heap, where no second one has been begun yet.
 
     With a heap for each thread, of which most is never given back, calls and clouds took 944 MB in
     the first minute and 1,127 MB in the third. rclpy begins two as it is imported.

@@ -52,7 +52,7 @@ ENVIRONMENT = "an obstacle"
 _QUEUED_INTERVALS = 4096
 """Of an edge that wait at a time."""
 _REMEMBERED_ARMS = 32
-"""Arms laid out that are remembered."""
+"""Arms laid out, and rooms for their edges, that are remembered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class Meeting:
 
 @functools.lru_cache(maxsize=_REMEMBERED_ARMS)
 def _edge_room(movers: int, thread: int) -> tuple[Array, Mask]:
-    """What `check_edge` works in, for all that have so many bodies and pairs, in one thread."""
+    """What `check_edge` works in: in each thread one for all of so many bodies and pairs."""
     return np.zeros((_QUEUED_INTERVALS, 2)), np.zeros((_QUEUED_INTERVALS, movers), dtype=np.bool_)
 
 

@@ -68,7 +68,7 @@ class MctsSampler(BatchSampler):
 
     def _draw(self, best: float) -> Draws:
         """A pose from each node that Algorithm 3 selects for the batch."""
-        # Each counts as visited as it is selected, and is rewarded once it is known for what.
+        # Each counts as visited once it is selected; its reward comes with its verdict.
         self._selected = []
         for _ in range(self._budget.batch):
             self._selected.append(self.tree.select())

@@ -2,10 +2,11 @@
 
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
 the coarse cells they fall into. In each round the cells that promise most for their cost
-(`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
-is split once only, but its parts stay: what the arms fail to reach promises less with each try.
-Poses are reached for in the same order. Where samples are usable, or better but blocked, `climbers`
-begin, which find pockets that no cell is small enough for.
+(`expected_improvement`) are split and their parts sampled, beside as many uniform samples, or a
+batch of these where that is more. A cell is split once only, but its parts stay: what the arms fail
+to reach promises less with each try. Poses are reached for in the same order. Where samples are
+usable, or better but blocked, `climbers` begin, which find pockets that no cell is small enough
+for.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, Index, Verdict
 
 _REDRAWS = 4
-"""Times that uniform poses are drawn anew where few can be better, twice as many each time."""
+"""Times that uniform poses are drawn where few can be better: four for one that is needed, then
+twice as many each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,7 @@ class OptimisticSettings(SamplerSettings):
     """Budgets, and how much is looked at before and beside the best cells.
 
     Attributes:
-        batch: as in `SamplerSettings`, of the uniform samples at the beginning.
+        batch: uniform samples at least whose cheap checks are made together.
         uniform_first: samples before the search begins to refine; until then all are uniform, so
             that the coarse cells have been graded.
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
@@ -111,7 +113,7 @@ class OptimisticSampler(BatchSampler):
         self._ranked_at = 0  # samples by which they are
         # the cells that poses were drawn from last, these poses, and which of them are uniform
         self._drawn, self._places, self._evenly = self._filed[:0], np.empty((0, 3)), slice(0)
-        # uniform ones with their cells that are left for the next, and the ξ_best they were for
+        # uniform poses that are left for the next batch with their cells, and ξ_best of then
         self._spare, self._spare_for = (self._drawn, self._places), -np.inf
 
     def _draw(self, best: float) -> Draws:
