@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from helpers.system import wait
+from helpers.system import start_node, wait
 
 import placement_planner_ros
 from placement_planner_ros.share import share_path
@@ -141,12 +141,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
         f'<robot name="r"><link name="l"><collision><geometry>{shape}</geometry></collision></link>'
         "</robot>"
     )
-    command = [sys.executable, "-m", "placement_planner_ros", "placement_planner", "--ros-args"]
-    root = str(Path(placement_planner_ros.__file__).parent.parent)
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    node = subprocess.Popen(
-        [*command, "-p", f"robot_description:={urdf}"], env={**os.environ, "PYTHONPATH": path}
-    )
+    node = start_node(tmp_path / "node.log", "-p", f"robot_description:={urdf}")
 
     def others():
         """What was begun with this cache, but for the node."""

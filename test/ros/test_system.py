@@ -68,6 +68,13 @@ def test_every_parameter_has_words_and_every_number_a_range(client):
             assert descriptor.integer_range or descriptor.additional_constraints, descriptor
 
 
+def test_all_threads_share_one_heap(node, client):
+    """glibc reserves 64 MB for the heap of another thread, of which most is not to be used yet."""
+    lines = [line.split() for line in Path(f"/proc/{node.pid}/maps").read_text().splitlines()]
+    ends = [[int(end, 16) for end in line[0].split("-")] for line in lines if line[1] == "---p"]
+    assert not [end for start, end in ends if end % 2**26 == 0 and end - start > 2**24]
+
+
 def test_a_user_gets_placements_and_stops(scene, client):
     answer = start_when_ready(client)
     run = answer.run

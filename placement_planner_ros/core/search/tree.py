@@ -54,10 +54,6 @@ def _descend_tree(
         best, best_child, mean_sum = -np.inf, -1, 0.0
         child = first_child[node]
         while child >= 0:
-            if visits[child] == 0:  # added, but its sample was not needed
-                best, best_child = np.inf, child
-                child = next_sibling[child]
-                continue
             # Mean reward, and the width of its confidence bound.
             mean = rewards[child] / visits[child]
             u = mean + c * np.sqrt(2.0 * log_visits / visits[child])
