@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
-from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
 OBJECTIVE_WORDS = {
@@ -34,6 +34,8 @@ OBJECTIVES = tuple(OBJECTIVE_WORDS)
 Cloud = Literal["complete", "cameras"]
 GROUPS = {"paper": OBJECT_NAMES, "single_meshes": SINGLE_MESHES, "household": HOUSEHOLD}
 """The objects of each group of cases."""
+_PARTS = {"part_of_table": TargetVolume([0.2475, -0.3175, -0.05], [0.5865, 0.3655, 0.02])}
+"""V within that of the table, for cases in which the best places are hard to reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,12 @@ def all_cases(cloud: Cloud = "complete", objects: tuple[str, ...] = OBJECT_NAMES
     ]
 
 
+def case_scene(name: str) -> Scene:
+    """One of the bundled scenes, or the table with V a part of it."""
+    part = _PARTS.get(name)
+    return scene_by_name(name) if part is None else replace(scene_by_name("table"), volume=part)
+
+
 def in_words(name: str) -> str:
     """A name of the code as text: `large_crayons_box` -> `large crayons box`."""
     return name.replace("_", " ")
@@ -72,13 +80,13 @@ def scene_points(case: Case, rng: np.random.Generator) -> Array:
     """(n, 3) points of the case's cloud in the world frame; NaN where a camera saw nothing."""
     if case.cloud == "complete":
         return _complete_points(case.scene).copy()
-    scene = scene_by_name(case.scene)
+    scene = case_scene(case.scene)
     return np.vstack([cloud.world_points().reshape(-1, 3) for cloud in camera_clouds(scene, rng)])
 
 
 @functools.lru_cache(maxsize=4)
 def _complete_points(scene: str) -> Array:
-    return complete_cloud(scene_by_name(scene))
+    return complete_cloud(case_scene(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +124,7 @@ def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
     Args:
         rng: noise of the camera clouds.
     """
-    volume = scene_by_name(case.scene).volume
+    volume = case_scene(case.scene).volume
     return inputs_of(case.object, volume, scene_points(case, rng))
 
 

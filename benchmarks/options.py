@@ -26,7 +26,7 @@ def wanted_cases(cases: Iterable[Case], arguments: argparse.Namespace) -> tuple[
     return tuple(
         case
         for case in cases
-        if case.scene in (arguments.scene or SCENE_NAMES)
+        if case.scene in (arguments.scene or [case.scene])
         and case.object in (arguments.object or OBJECT_NAMES)
         and case.objective in (arguments.objective or OBJECTIVES)
     )

@@ -33,9 +33,7 @@ def add_evaluation_commands(commands: Any) -> None:
     Args:
         commands: what `ArgumentParser.add_subparsers` returned.
     """
-    cases = commands.add_parser(
-        "cases", help="run the 24 cases, or others, and keep every solution"
-    )
+    cases = commands.add_parser("cases", help="run the 24 cases, or others; keeps all solutions")
     cases.add_argument(
         "--group", choices=tuple(GROUPS), help="objects instead of the paper's, all of a group"
     )
@@ -61,12 +59,7 @@ def add_evaluation_commands(commands: Any) -> None:
         "yardstick", help="search each case exhaustively for the best; takes minutes per case"
     )
     yardstick.add_argument("--preset", choices=tuple(PRESETS), default="quick")
-    yardstick.add_argument(
-        "--seconds",
-        type=float,
-        default=900.0,
-        help="processor time per case",
-    )
+    yardstick.add_argument("--seconds", type=float, default=900.0, help="processor time per case")
     add_case_options(yardstick)
     add_job_options(yardstick, _FOLDER)
     yardstick.set_defaults(command_function=_run_yardstick)

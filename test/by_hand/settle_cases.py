@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 from helpers.settle import Settled, settle_placed
 
+from benchmarks.cases import case_scene
 from benchmarks.household import object_by_name
-from placement_planner_ros.scenes.scenes import scene_by_name
 
 MOVED, TILTED = 0.005, np.deg2rad(2.0)
 FRICTIONS = (0.3, 0.8)
@@ -28,7 +28,7 @@ def stays(path: Path, friction: float) -> tuple[str, Settled]:
     with np.load(path) as data:
         case, T_world_object = json.loads(str(data["case"])), pin.SE3(data["T_world_object"])
     held = object_by_name(case["object"])
-    solids = scene_by_name(case["scene"]).parts
+    solids = case_scene(case["scene"]).parts
     result = settle_placed(solids, held, T_world_object, friction=friction)
     return case["object"], result
 

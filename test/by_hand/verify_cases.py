@@ -18,6 +18,7 @@ import numpy as np
 from checker import Solution, SolutionChecker
 from helpers.tasks import yumi_checker, yumi_task
 
+from benchmarks.cases import case_scene
 from benchmarks.household import object_by_name
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.problem import workspace
@@ -37,7 +38,7 @@ from placement_planner_ros.scenes.yumi import (
 
 def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecker:
     """The checker of one case."""
-    scene, held = scene_by_name(case["scene"]), object_by_name(case["object"])
+    scene, held = case_scene(case["scene"]), object_by_name(case["object"])
     measured = _measured(case["scene"], case["object"]) if case["cloud"] == "complete" else None
     return yumi_checker(
         yumi_task(scene, held, case["objective"], measured=measured), contact=contact
