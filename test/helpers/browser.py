@@ -88,7 +88,7 @@ class Browser:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=120.0))
+            message = json.loads(self._socket.recv(timeout=600.0))
             if message.get("id") == number:
                 assert "error" not in message, message
                 return message["result"]
@@ -111,7 +111,7 @@ class Browser:
         """All that is written on the page."""
         return self.run("document.body ? document.body.innerText : ''")
 
-    def wait_for(self, *texts, timeout=120.0):
+    def wait_for(self, *texts, timeout=600.0):
         """Wait until all of these are written on the page."""
         _wait(lambda: all(text in self.text for text in texts), timeout, lambda: self.text)
 
@@ -179,7 +179,7 @@ def _lines(path):
     return path.read_text().splitlines() if path.exists() else None
 
 
-def _wait(what, timeout=120.0, said=lambda: ""):
+def _wait(what, timeout=600.0, said=lambda: ""):
     end = time.monotonic() + timeout
     while not (found := what()):
         assert time.monotonic() < end, f"waited in vain: {said()}"
