@@ -35,7 +35,7 @@ Cloud = Literal["complete", "cameras"]
 GROUPS = {"paper": OBJECT_NAMES, "single_meshes": SINGLE_MESHES, "household": HOUSEHOLD}
 """The objects of each group of cases."""
 _PARTS = {"part_of_table": TargetVolume([0.2475, -0.3175, -0.05], [0.5865, 0.3655, 0.02])}
-"""V within that of the table, for cases in which the best places are hard to reach."""
+"""V that is a part of the table's, what is around it counting, too, as in the demonstration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,7 @@ class CaseInputs:
 
     Attributes:
         points: (n, 3) the cloud in the world frame.
+        beyond_volume: whether things outside V count for clearance, too, unlike in the paper.
     """
 
     robot: Robot
@@ -103,6 +104,7 @@ class CaseInputs:
     body: Body
     volume: TargetVolume
     points: Array
+    beyond_volume: bool = False
 
 
 def inputs_of(thing: str, volume: TargetVolume, points: Array) -> CaseInputs:
@@ -124,8 +126,8 @@ def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
     Args:
         rng: noise of the camera clouds.
     """
-    volume = case_scene(case.scene).volume
-    return inputs_of(case.object, volume, scene_points(case, rng))
+    made = inputs_of(case.object, case_scene(case.scene).volume, scene_points(case, rng))
+    return replace(made, beyond_volume=case.scene in _PARTS)
 
 
 def build_problem(
@@ -144,7 +146,7 @@ def build_problem(
     body, volume = inputs.body, inputs.volume
     given: dict[str, Any] = {
         "bounds": workspace(robot, arms, q_start, body, volume),
-        "beyond_volume": False,
+        "beyond_volume": inputs.beyond_volume,
     }
     made = unknown(Environment.from_points(inputs.points, volume, **(given | environment)))
     problem = Problem(robot, arms, q_start, body, volume, made)

@@ -91,9 +91,8 @@ def _run_cases(arguments: argparse.Namespace) -> int:
 def _run_paper(arguments: argparse.Namespace) -> int:
     preset, path = PRESETS[arguments.preset], arguments.output / RUNS_FILE
     preset = replace(preset, cases=wanted_cases(preset.cases, arguments))
-    if arguments.seeds is not None:
-        seeds = arguments.seeds
-        preset = replace(preset, seeds=seeds, baseline_seeds=min(seeds, preset.baseline_seeds))
+    seeds = arguments.seeds or preset.seeds
+    preset = replace(preset, seeds=seeds, baseline_seeds=min(seeds, preset.baseline_seeds))
     if arguments.seconds is not None:
         preset = replace(preset, seconds=arguments.seconds)
     trials = preset_trials(preset, arguments.variant or PAPER_VARIANTS)
