@@ -197,16 +197,20 @@ class GoalSetRRT:
         """Keys of the active goals, in the order they became known."""
         return tuple(key for key, goal in self._goals.items() if goal.active)
 
-    def add_goal(self, key: int, q: Array) -> None:
+    def add_goal(self, key: int, q: Array) -> bool:
         """Make the configuration `q` (dof,) a goal, or re-activate the retired goal `key`.
 
         Adding an active goal again changes nothing.
+
+        Returns:
+            Whether it is new, or was forgotten: its tree is but a root.
 
         Raises:
             ParameterError: `q` is out of bounds, or `key` is known with another configuration.
         """
         q = self._checked(f"goal {key}", q)
         goal = self._goals.get(key)
+        new = goal is None
         if goal is None:
             label = len(self._sizes)
             self._sizes.append(0)
@@ -215,15 +219,16 @@ class GoalSetRRT:
         elif not np.array_equal(goal.q, q):
             raise ParameterError(f"goal {key}", q.tolist(), "use a new key for another goal")
         elif goal.active:
-            return
+            return False
         else:
             goal.active = True
         if self._in_forward_tree(self._goals[key]):
             self._connected.append(key)
-            return
+            return False
         self._unreached.append(key)
         if not self._goals[key].tried:
             self._untried.append(key)
+        return new
 
     def add_branch(self, key: int, branch: Array) -> None:
         """Lengthen a goal's tree by a way out that the caller knows.

@@ -189,12 +189,13 @@ class _Trees:
         for candidate in self._waiting[:room]:
             candidate.activated = iterations
             self._active[candidate.key] = candidate
-            self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
-            # Give a goal its straight way out when it is first active.
-            if settings.withdrawal and candidate.tree is None:
-                branch = straight_way(self._holding, candidate.goal.q_raised)
-                candidate.tree = WindingTree(self._holding, branch)
-                self.rrt.add_branch(candidate.key, branch)
+            q = candidate.goal.q_raised
+            # Begin its tree with the furthest known way out, a straight one at first; anew where it
+            # was forgotten.
+            if self.rrt.add_goal(candidate.key, q) and settings.withdrawal:
+                if candidate.tree is None:
+                    candidate.tree = WindingTree(self._holding, straight_way(self._holding, q))
+                self.rrt.add_branch(candidate.key, candidate.tree.way)
         del self._waiting[:room]
 
     def _other_way_round(self, goal: Goal) -> Goal | None:

@@ -83,6 +83,11 @@ class WindingTree:
         done = self._out >= _DRAWN_OUT_M or len(self._nodes) > 10_000
         return 0.0 if done else (self._out - self._begun) / (1 + self._calls)
 
+    @property
+    def way(self) -> Array:
+        """(k, dof) the free way that gets the object furthest out, from the goal on."""
+        return np.array([self._nodes[node] for node in branch_of(self._parents, self._best)[::-1]])
+
     def grow(
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
     ) -> Array | None:
@@ -129,9 +134,7 @@ class WindingTree:
             reached = self._distance(last)
             if reached > self._out:
                 self._best, self._out = last, reached
-        if self._out <= before:
-            return None
-        return np.array([nodes[node] for node in branch_of(self._parents, self._best)[::-1]])
+        return self.way if self._out > before else None
 
     def _place(self, q: Array) -> Array:
         """(12,) m, where the object is at `q`: its origin, and its axes, as long as it is large."""

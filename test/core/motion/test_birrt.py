@@ -46,14 +46,8 @@ CLOSED = ((7.0, 7.0, 10.0, 7.3), (7.0, 7.0, 7.3, 10.0))
 
 def make(rectangles=MAZE, seed=0, **settings):
     world = Rectangles(*rectangles)
-    rrt = GoalSetRRT(
-        LOWER,
-        UPPER,
-        START,
-        world.edge_is_free,
-        GoalSetRRTSettings(max_step=1.0, **settings),
-        np.random.default_rng(seed),
-    )
+    rng, settings = np.random.default_rng(seed), GoalSetRRTSettings(max_step=1.0, **settings)
+    rrt = GoalSetRRT(LOWER, UPPER, START, world.edge_is_free, settings, rng)
     return rrt, world
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.motion.birrt import GoalSetRRTSettings
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Goal
 
@@ -21,22 +22,12 @@ def sealed_corner(a, b):
 
 def holding(arm, grasp=0, free=sealed_corner):
     bounds = SimpleNamespace(
-        name=arm,
-        lower=np.zeros(2),
-        upper=np.full(2, 10.0),
-        joints=("first", "second"),
-        dof=2,
-        turnable=(),
-        ties=np.zeros((0, 4)),
+        name=arm, lower=np.zeros(2), upper=np.full(2, 10.0), joints=("first", "second"), dof=2
     )
-    return SimpleNamespace(
-        arm=bounds,
-        grasp=grasp,
-        q_start=np.ones(2),
-        edge_free=free,
-        can_be_left=lambda q: free(q, q),
-        upright=None,
-    )
+    bounds.turnable, bounds.ties = (), np.zeros((0, 4))
+    made = SimpleNamespace(arm=bounds, grasp=grasp, q_start=np.ones(2), upright=None)
+    made.edge_free, made.can_be_left = free, lambda q: free(q, q)
+    return made
 
 
 def goal(arm, q, objective=0.0, grasp=0):
@@ -83,3 +74,21 @@ def test_where_the_shorter_way_round_is_shut_the_longer_one_is_taken():
     np.testing.assert_allclose(other.approach, way + shift)
     np.testing.assert_allclose(other.retreat, way[::-1] + shift)
     np.testing.assert_allclose(path[-1], way[0] + shift)
+
+
+def test_a_goal_that_was_forgotten_begins_with_its_way_out_again():
+    """More nodes than are kept of three goals that can be drawn out but not be reached."""
+    arm = holding("left", free=lambda a, b: False)
+    arm.collision, arm.transit_free = arm, lambda a, b: True
+    arm.follow = lambda T, _: T.translation[1:]
+    arm.object_pose = lambda q: pin.SE3(np.eye(3), np.array([0.0, *q]))
+    arm.tip_pose, arm.chain = (lambda T: np.eye(4)), SimpleNamespace(fixed=np.zeros((1, 4, 4)))
+    arm.held = SimpleNamespace(body=SimpleNamespace(vertices=np.ones((1, 3))))
+    few = TransitSettings(active_goals=1, patience=1, rrt=GoalSetRRTSettings(max_nodes=20))
+    motion = MotionPlanner([arm], few, np.random.default_rng(0))
+    for k in range(3):
+        motion.add(goal("left", [2.0 + k, 1.0]))
+    for _ in range(12):
+        assert motion.plan(5, lambda: False) is None
+        (trees,) = motion._trees.values()
+        assert len(trees.rrt.trees()[0]) > 10

@@ -18,14 +18,10 @@ def in_slot(a, b):
 
 
 def test_a_winding_way_leads_out_of_a_slot_of_millimetres():
-    holding = SimpleNamespace(
-        held=SimpleNamespace(body=SimpleNamespace(vertices=np.full((1, 3), 0.05))),
-        chain=SimpleNamespace(fixed=np.eye(4)[None]),
-        upright=None,
-        object_pose=lambda q: pin.SE3(np.eye(3), q),
-        follow=lambda T, _: T.translation,
-        transit_free=in_slot,
-    )
+    holding = SimpleNamespace(chain=SimpleNamespace(fixed=np.eye(4)[None]), upright=None)
+    holding.held = SimpleNamespace(body=SimpleNamespace(vertices=np.full((1, 3), 0.05)))
+    holding.object_pose = lambda q: pin.SE3(np.eye(3), q)
+    holding.follow, holding.transit_free = (lambda T, _: T.translation), in_slot
     tree, rng = WindingTree(holding, np.zeros((1, 3))), np.random.default_rng(0)
     closed = SimpleNamespace(**vars(holding) | {"transit_free": lambda a, b: False})
     shut = WindingTree(closed, np.zeros((1, 3)))
