@@ -79,6 +79,7 @@ def placement_planner() -> Any:
         return compile_all()
     if _asks_for_help():
         return print(_NODE_HELP)
+    _require_ros_only("placement_planner")
     return _start("placement_planner", "ros.node", ROS_REMEDY, until_signal=True)
 
 
@@ -86,6 +87,7 @@ def placement_scene() -> Any:
     """A bundled scene as cameras and a robot would publish it."""
     if _asks_for_help():
         return print(_SCENE_HELP)
+    _require_ros_only("placement_scene")
     return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY, until_signal=True)
 
 
@@ -94,6 +96,11 @@ def placement_view() -> Any:
     if _asks_for_help():
         return print(import_module(f"{PACKAGE}.view.options").make_parser().format_help(), end="")
     return _start("placement_view", "view.command", VIEW_REMEDY, until_signal=True)
+
+
+def _require_ros_only(program: str) -> None:
+    if len(sys.argv) > 1 and sys.argv[1] != "--ros-args":
+        sys.exit(f"{program}: {sys.argv[1]} is not known; all but --help goes after --ros-args")
 
 
 def _asks_for_help() -> bool:

@@ -66,7 +66,8 @@ def read_setting(
     """
     # read as placement_check_robot reads it
     findings = Findings()
-    given, parameters, own = read_given(file, {}, findings), dict[str, Value](), start_in(file)
+    given, parameters = read_given(file, {}, findings), dict[str, Value]()
+    own = findings.attempt(lambda: start_in(file))
     scene: Scene | None = None
     if "robot_description" not in given.names and not findings.faults:
         scene = scene_by_name(scene_name)

@@ -48,7 +48,7 @@ def draw_robot(
         held = _held(body, T_world_tip * arm.grasps[number])
         panels.append((f"{arm.name}, grasp {number}", [*hand, held, *_axes_at(T_world_tip)]))
     frames = [titled_frame(_drawn(meshes), words) for words, meshes in panels]
-    side_by_side(frames, 3).save(path)
+    side_by_side(frames, 3).save(path, format="PNG")
 
 
 def _drawn(meshes: Sequence[Mesh]) -> Image:

@@ -53,24 +53,22 @@ def _shape_mesh(element: ET.Element, field: str, find: FindFile) -> Surface:
     """One shape in its own frame."""
     # the first child is the shape
     geometry = element.find("geometry")
-    shape = geometry[0] if geometry is not None and len(geometry) else None
-    tag = "" if shape is None else shape.tag
-    if shape is not None and tag == "mesh":
+    shape = geometry[0] if geometry is not None and len(geometry) else ET.Element("")
+    if shape.tag == "mesh":
         vertices, triangles = read_mesh(find(shape.get("filename", "")))
         return vertices * read_floats(shape.get("scale", "1 1 1"), 3, field), triangles
-
-    def size(name: str, count: int = 1) -> list[float]:
-        assert shape is not None
-        return read_floats(shape.get(name, ""), count, f"{field}: {name}").tolist()
-
-    if tag == "box":
-        made = trimesh.creation.box(size("size", 3))
-    elif tag == "sphere":
-        made = trimesh.creation.icosphere(subdivisions=2, radius=size("radius")[0])
-    elif tag == "cylinder":
-        made = trimesh.creation.cylinder(size("radius")[0], size("length")[0], sections=24)
-    elif tag == "capsule":
-        made = trimesh.creation.capsule(size("length")[0], size("radius")[0], count=[12, 12])
-    else:
-        raise RobotError(field, tag, "is no shape of a URDF")
+    if shape.tag not in _PRIMITIVES:
+        raise RobotError(field, shape.tag, "is no shape of a URDF")
+    make, count = _PRIMITIVES[shape.tag]
+    sizes = " ".join(shape.get(name, "") for name in ("size", "radius", "length"))
+    made = make(read_floats(sizes, count, field).tolist())
     return np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int64)
+
+
+_PRIMITIVES: dict[str, tuple[Callable[[list[float]], trimesh.Trimesh], int]] = {
+    "box": (trimesh.creation.box, 3),
+    "sphere": (lambda s: trimesh.creation.icosphere(subdivisions=2, radius=s[0]), 1),
+    "cylinder": (lambda s: trimesh.creation.cylinder(s[0], s[1], sections=24), 2),
+    "capsule": (lambda s: trimesh.creation.capsule(s[1], s[0], count=[12, 12]), 2),
+}
+"""URDF shape -> what draws it, and how many sizes it has: size, or radius and length."""

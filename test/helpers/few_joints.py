@@ -57,20 +57,10 @@ def _pitching(roll: bool, aside: float) -> str:
         _LINK.format("fore", "0.11 0 0", "0.2 0.035 0.04"),
         _LINK.format("wrist", "0.025 0 0", "0.05 0.035 0.03"),
     ]
-    kind = "revolute" if roll else "fixed"
+    kind, above = "revolute" if roll else "fixed", f"0.02 {aside} 0.12"
     joints = [
         ("turn", "revolute", "base", "column", "0 0 0.21", "0 0 0", "0 0 1", -3, 3),
-        (
-            "pitch_1",
-            "revolute",
-            "column",
-            "upper",
-            f"0.02 {aside} 0.12",
-            "0 0 0",
-            "0 1 0",
-            -2.6,
-            2.6,
-        ),
+        ("pitch_1", "revolute", "column", "upper", above, "0 0 0", "0 1 0", -2.6, 2.6),
         ("pitch_2", "revolute", "upper", "fore", "0.27 0 0", "0 0 0", "0 1 0", -2.6, 2.6),
         ("pitch_3", "revolute", "fore", "wrist", "0.24 0 0", "0 0 0", "0 1 0", -2.6, 2.6),
         ("roll", kind, "wrist", "hand", "0.07 0 0", "0 0 0", "1 0 0", -3, 3),

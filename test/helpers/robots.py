@@ -7,7 +7,8 @@ from placement_planner_ros.core.robot.model import Robot
 LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 SLIDING = """
 <robot name="sliding">
-  <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
+  <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
   <joint name="along" type="prismatic"><parent link="base"/><child link="cart"/>
     <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.2 0.9"/>
     <axis xyz="1 0 0"/><limit lower="-0.5" upper="1.0" velocity="1" effort="1"/></joint>

@@ -111,7 +111,7 @@ class Body:
                 within.append(piece if closed else part.corners)
         none = np.zeros((0, 3, 3))
         solids, sheets = np.concatenate([none, *within]), np.concatenate([none, *open_])
-        fault = "the mesh is not closed: it counts as a sheet without an inside"
+        fault = "the mesh is not closed: it counts as a sheet without inside and mass"
         warnings = [fault] if open_ else []
         # Where the mass is: of any density it has its centre within the hull.
         size = 0.5 * settings.voxel_size
@@ -119,6 +119,7 @@ class Body:
             center, whose = checked_center(center_of_mass, scale), "as given"
         else:
             center, whose = center_of_union(solids, hull, size), "of uniform density"
+            whose = "of its closed pieces alone" if open_ else whose
             if not (hull.normals @ center <= hull.offsets).all():  # also where it is NaN
                 center, whose = center_of_union(hull.corners, hull, size), "of its hull"
         outside = float(np.max(hull.normals @ center - hull.offsets))

@@ -294,7 +294,10 @@ class ArmCollision:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
             return Meeting(first, ENVIRONMENT, where)
         second = self._flat.bodies[self._flat.set_body[other]].name
-        return Meeting(second, first, self._between(s, other))
+        # The middle of where the boxes around the two overlap, or of what is between.
+        a, b = self._scratch.bounds[s], self._scratch.bounds[other]
+        where = np.asarray((np.maximum(a[:3], b[:3]) + np.minimum(a[3:], b[3:])) / 2.0)
+        return Meeting(second, first, where)
 
     def place(self, T_world_object: pin.SE3) -> None:
         """Put the placed object elsewhere, here and in what `with_pairs` made."""
@@ -355,11 +358,6 @@ class ArmCollision:
         center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
         away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
         return s, int(np.argmin(np.linalg.norm(away, axis=1)))
-
-    def _between(self, s: int, other: int) -> Array:
-        """(3,) the middle of where the boxes around two sets overlap, or of what is between."""
-        a, b = self._scratch.bounds[s], self._scratch.bounds[other]
-        return np.asarray((np.maximum(a[:3], b[:3]) + np.minimum(a[3:], b[3:])) / 2.0)
 
 
 def _require_finite(Q: Array) -> None:

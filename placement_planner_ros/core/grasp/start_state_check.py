@@ -137,7 +137,8 @@ class StartState:
     def usable_grasps(self, arm: Arm) -> tuple[list[int], list[Fault | GraspError]]:
         """The grasps of an arm with which it can begin here, and what is wrong with the others."""
         # What is wrong wherever the object is held.
-        joints, moved = _carrying_joints(self._robot, arm), self._moved_by(arm)
+        joints, links = _carrying_joints(self._robot, arm), self._robot.geometry_links
+        moved = [(links[i], i, self._places[i]) for i in np.flatnonzero(joints >= 0).tolist()]
         of_arm = self._beyond_limits(arm) or self._met_itself(joints) or self._met_zones(moved)
         if of_arm is not None:
             return [], [of_arm.of(arm.name)]
@@ -145,8 +146,9 @@ class StartState:
         usable: list[int] = []
         faults: list[Fault | GraspError] = []
         met: dict[int, Fault | None] = {}
+        around = self._rules.environment
         for grasp in range(len(arm.grasps)):
-            obstacles = self._obstacles_of(arm, grasp)
+            obstacles = around.obstacles_of(arm.name, grasp)[0] if around is not None else None
             if id(obstacles) not in met:
                 met[id(obstacles)] = self._met_boxes(moved, obstacles)
             bad = self._object_in_hand(arm, grasp)
@@ -166,10 +168,6 @@ class StartState:
         words = f"beyond the joint limits: {listed(beyond)}"
         return Fault(words, BACK_IN_LIMITS) if beyond else None
 
-    def _obstacles_of(self, arm: Arm, grasp: int) -> ObstacleSet | None:
-        environment = self._rules.environment
-        return None if environment is None else environment.obstacles_of(arm.name, grasp)[0]
-
     def _of_grasp(self, arm: Arm, grasp: int, obstacles: ObstacleSet | None) -> Fault | None:
         """What is wrong with how the object is held: it leans, or meets a link that is not of the
         hand, or the environment."""
@@ -183,11 +181,6 @@ class StartState:
             or self._met_zones(things)
             or self._met_boxes(things, obstacles)
         )
-
-    def _moved_by(self, arm: Arm) -> list[_Thing]:
-        """The geometries that the arm moves."""
-        moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
-        return [(self._robot.geometry_links[i], i, self._places[i]) for i in moved]
 
     def _leans(self, arm: Arm, grasp: int) -> Fault | None:
         """By how much more than it may the held object leans."""

@@ -1,9 +1,10 @@
 """Triangles of a mesh file, the same for links and objects.
 
-trimesh reads them, a .dae by pycollada. An .obj is assimp's, through coal: of several parts whose
-faces count vertices from the end trimesh takes others. (All else that has nodes within nodes coal
-puts together wrongly.) Loaders raise whatever they like at a file that is not what its name says,
-and take whatever memory it asks for: the node reads in a process of its own.
+Where there are polygons, in .obj, .ply and .off, assimp reads them, through coal, as trimesh cuts
+those with a notch wrongly. (What has nodes within nodes coal puts together wrongly.) A .dae is
+pycollada's, .stl and .glb are trimesh's. What these would leave out without a word is refused.
+Loaders raise whatever they like at a file that is not what its name says, and take whatever memory
+it asks for: the node reads in a process of its own.
 """
 
 from __future__ import annotations
@@ -14,35 +15,24 @@ import struct
 from pathlib import Path
 
 import coal
+import collada
 import numpy as np
 import trimesh
-from collada.common import DaeError
+from collada.lineset import BoundLineSet
+from collada.polylist import BoundPolylist
 
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.body.mesh_components import Triangles
 from placement_planner_ros.core.disk_cache import code_digest, digest_of
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Index
 
 FORMATS = ".stl, .obj, .ply, .off, .glb, .dae"
 
 MAX_BYTES = 64_000_000
 """Bytes that a mesh file may have."""
 
-UNREADABLE = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    DaeError,
-    EOFError,
-    LookupError,
-    OSError,
-    RuntimeError,
-    SyntaxError,  # what is no XML
-    TypeError,
-    ValueError,
-    struct.error,
-)
-"""What the loaders are known to raise at a file that is not what its name says."""
+UNREADABLE = OSError, ValueError
+"""What `read_mesh` raises at a file that is not there, or not what its name says."""
 
 _UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
 _NO_SURFACE = re.compile(
@@ -51,6 +41,12 @@ _NO_SURFACE = re.compile(
     re.DOTALL,
 )
 """What of a .dae has no surface: nothing about it can be wrong then."""
+_LEFT_OUT = {
+    ".dae": re.compile(rb"<(?:\w+:)?(ph|instance_controller)\b"),
+    ".glb": re.compile(rb'"(extensionsRequired|skins|sparse)"\s*:|"mode"\s*:\s*6\b'),
+    ".ply": re.compile(rb"\nelement tristrips\b"),
+}
+"""What loaders leave out: polygons with holes; what bones move, or an extension; triangle fans."""
 
 
 def check_header(path: Path) -> None:
@@ -88,12 +84,20 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     Raises:
         OSError: it cannot be opened.
         ValueError: it cannot be read; the message says why.
-        Exception: another of `UNREADABLE`, as a loader raised it.
     """
-    # By its name and size, then by its loader.
+    # By its name and size, then by its loader, but for what that would leave out.
     check_header(path)
-    load = _read_by_assimp if path.suffix.lower() == ".obj" else _read_by_trimesh
-    vertices, triangles = load(path)
+    suffix = path.suffix.lower()
+    if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(path.read_bytes())):
+        what = found[found.lastindex or 0].decode().strip()
+        raise ValueError(f"its {what} is not read; export plain triangles")
+    loaders = {".stl": _read_by_trimesh, ".glb": _read_by_trimesh, ".dae": _read_by_collada}
+    try:
+        vertices, triangles = loaders.get(suffix, _read_by_assimp)(path)
+    except (MemoryError, *UNREADABLE):
+        raise
+    except Exception as error:  # whatever else a loader raises
+        raise ValueError(f"{type(error).__name__}: {error}") from error
     # What no mesh may have.
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
@@ -121,25 +125,50 @@ def _read_by_assimp(path: Path) -> tuple[Array, Triangles]:
 
 
 def _read_by_trimesh(path: Path) -> tuple[Array, Triangles]:
-    suffix, data, scale = path.suffix.lower(), path.read_bytes(), 1.0
-    options: dict[str, bool] = {}
-    if suffix == ".dae":
-        if b"<!ENTITY" in data:  # which names other files, or multiplies
-            raise ValueError("it defines an entity")
-        stated = _UNIT.search(data)
-        scale = float(stated[1]) if stated else 1.0
-        if not 0.0 < scale < np.inf:
-            raise ValueError(f"its unit is {scale} m; give a number above 0")
-        data, options["ignore_broken"] = _NO_SURFACE.sub(b"", data), False
-    elif suffix == ".stl" and b"\0" in data[:1000] and len(data) >= 84:
+    suffix, data = path.suffix.lower(), path.read_bytes()
+    if suffix == ".stl" and b"\0" in data[:1000] and len(data) >= 84:
         (count,) = struct.unpack("<I", data[80:84])
         data = data[: 84 + 50 * count]  # some programs append to a binary one
-    elif suffix in (".stl", ".off"):
+    elif suffix == ".stl":
         data = data.decode("utf-8", errors="replace").encode()  # names may be in any encoding
-    elif suffix == ".ply":  # without its picture, whose absence is told at length
-        options["skip_materials"] = True
     # By its contents alone, so that it cannot name other files, and misses none that it names.
-    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError("it holds no triangles")
-    return scale * np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
+    data = path.read_bytes()
+    if b"<!ENTITY" in data:  # which names other files, or multiplies
+        raise ValueError("it defines an entity")
+    stated = _UNIT.search(data)
+    scale = float(stated[1]) if stated else 1.0
+    if not 0.0 < scale < np.inf:
+        raise ValueError(f"its unit is {scale} m; give a number above 0")
+    found = [np.empty((0, 3, 3))]
+    for placed in collada.Collada(io.BytesIO(_NO_SURFACE.sub(b"", data))).scene.objects("geometry"):
+        for part in placed.primitives():
+            if isinstance(part, BoundLineSet):
+                continue
+            # Polygons become fans, each from its first corner.
+            fans = part.triangleset() if isinstance(part, BoundPolylist) else part
+            corners = scale * np.asarray(fans.vertex[fans.vertex_index], np.float64)
+            if fans is not part:
+                _require_no_notch(corners, np.diff(part.polyindex, axis=1).ravel() - 2)
+            # A mirrored solid faces outward as before.
+            mirrored = np.linalg.det(placed.matrix[:3, :3]) < 0.0
+            found.append(corners[:, ::-1] if mirrored else corners)
+    vertices = np.concatenate(found).reshape(-1, 3)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def _require_no_notch(corners: Array, counts: Index) -> None:
+    """Refuse fans (t, 3, 3), so many triangles for each polygon, that reach out of a polygon."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    polygon = np.repeat(np.arange(len(counts)), counts)
+    whole = np.zeros((len(counts), 3))
+    np.add.at(whole, polygon, normals)
+    whole = whole[polygon]
+    if ((normals * whole).sum(axis=1) < -1e-6 * (whole * whole).sum(axis=1)).any():
+        raise ValueError("one of its polygons has a notch; export plain triangles")

@@ -292,7 +292,8 @@ class GoalSetRRT:
         if not self._connected:
             return None
         key = self._connected.popleft()
-        return key, self._path_to(self._goals[key].root)
+        branch = branch_of(self._parents, self._goals[key].root)
+        return key, np.ascontiguousarray(without_repetition(self._nodes[:, branch[::-1]].T))
 
     def trees(self) -> tuple[Array, Index32, Index32]:
         """A copy of all trees: nodes (n, dof), parents (n,) or -1 at roots, labels (n,).
@@ -479,10 +480,6 @@ class GoalSetRRT:
         self._sizes[label] += 1
         self._count += 1
         return node
-
-    def _path_to(self, node: int) -> Array:
-        path = self._nodes[:, branch_of(self._parents, node)[::-1]].T
-        return np.ascontiguousarray(without_repetition(path))
 
     def _cut_back(self) -> None:
         """Free at least half of the pool, see the class description."""

@@ -26,8 +26,9 @@ SAMPLES = 200
 """Random configurations in all of which links overlap that are left out."""
 
 NEARBY = 3
-"""Joints between two links up to which their meshes may overlap at the zero pose though the links
-never meet: covers, bearings and cables are drawn larger than they are."""
+"""Joints between two links up to which they count as neighbours where the links between have no
+geometry, as of shoulders, and up to which their meshes may overlap at the zero pose though the
+links never meet: covers, bearings and cables are drawn larger than they are."""
 
 Reason = Literal["Adjacent", "Always", "Default", "User"]
 """Why a pair is left out, as an SRDF says it: neighbours, overlap always, or at the zero pose; of
@@ -111,7 +112,7 @@ def shape_pairs(
 def derive_allowed_pairs(robot: Robot) -> dict[Pair, Reason]:
     """Pairs to leave out where no SRDF says so, sorted by name.
 
-    Neighbours (one joint between them; links without geometry are looked through), pairs that
+    Neighbours (`NEARBY` joints between them, if all links between have no geometry), pairs that
     overlap in all of `SAMPLES` random configurations, and those at most `NEARBY` joints apart that
     overlap at the zero pose. Links below a joint that cannot be at zero have no zero pose: at the
     limit next to it an arm may well be folded into itself. All of it on the triangles of the
@@ -158,11 +159,14 @@ def derive_allowed_pairs(robot: Robot) -> dict[Pair, Reason]:
 
 
 def _neighbouring_links(robot: Robot) -> set[Pair]:
-    """Each link that has geometry with the next such link towards the root."""
+    """Each link that has geometry with the next such link towards the root, if that is near."""
     found, frames, links = set(), robot.model.frames, set(robot.geometry_links)
+    above = [set(robot.model.supports[frame.parentJoint]) for frame in frames]
     for link in links:
-        frame = robot.frame_id(link)
+        own = frame = robot.frame_id(link)
         while (frame := frames[frame].parentFrame) != 0:
+            if len(above[own] - above[frame]) > NEARBY:
+                break
             if frames[frame].type == pin.FrameType.BODY and frames[frame].name in links:
                 found.add(sorted_pair(link, str(frames[frame].name)))
                 break

@@ -41,11 +41,14 @@ def derive_arm(
         gripper_joints, gripper_open: joints that open the hand, and their values when open.
 
     Raises:
-        RobotError: unknown names, joints that do not lead to the tip, a chain with mimicking
-            joints, values beyond limits.
+        RobotError: no collision shapes, unknown names, joints that do not lead to the tip, a chain
+            with mimicking joints, values beyond limits.
         GraspError: a grasp is not a rigid transform.
     """
     where = f"arm {name}"
+    if not robot.geometry_links:
+        words = "has no collision shapes: nothing would be kept apart; give its links <collision>"
+        raise RobotError("robot", robot.name, words)
     if not robot.has_link(tip_frame):
         words = f"name a link of the robot {robot.name!r}"
         raise RobotError(f"{where}: tip_frame", tip_frame, words)

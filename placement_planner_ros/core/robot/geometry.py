@@ -23,7 +23,8 @@ from placement_planner_ros.core.types import Array
 
 MAX_EXTENT = 15.0
 """m; a mesh larger than this is taken to be in millimetres: rails are up to 12 m long, and what a
-finger has in millimetres is more than 15 long."""
+finger has in millimetres is more than 15 long. One of less than a ten-thousandth is taken to be
+scaled twice: the smallest of 860 that robots come with has 22 mm, scaled twice 0.02."""
 
 PRISM_SIDES = 32
 """Of the prism that stands for a cylinder: 0.5 % of its radius wider."""
@@ -50,7 +51,7 @@ def build_geometry(
         users should know of the meshes.
 
     Raises:
-        RobotError: a geometry is empty, not finite, flat, in millimetres, too large or not found.
+        RobotError: a geometry is empty, not finite, flat, of another unit, or not found.
     """
     meshes = _Meshes(files if callable(files) else partial(_read_below, files))
     geometry = pin.GeometryModel()
@@ -169,8 +170,7 @@ class _Meshes:
         try:
             vertices, triangles = self._read(uri)
         except UNREADABLE as error:
-            reason = str(error) or type(error).__name__
-            raise RobotError(field, uri, f"cannot be read: {reason}") from error
+            raise RobotError(field, uri, f"cannot be read: {error}") from error
         # Not too many triangles, together with those before.
         self._triangles += len(triangles)
         if self._triangles > MAX_ALL_TRIANGLES:
@@ -181,11 +181,12 @@ class _Meshes:
         vertices = vertices * scale
         if np.prod(scale) < 0.0:
             triangles = triangles[:, ::-1]
-        # Not larger than a link may be.
+        # Neither larger than a link may be nor smaller.
         extent = float(np.max(np.ptp(vertices, axis=0)))
-        if not extent <= MAX_EXTENT:
+        if not 1e-4 * MAX_EXTENT <= extent <= MAX_EXTENT:
             words = "if it is in millimetres, give scale 0.001 0.001 0.001"
-            raise RobotError(field, uri, f"is {extent:.0f} m long; {words}")
+            words = "check its scale" if extent < MAX_EXTENT else words
+            raise RobotError(field, uri, f"is {extent:.3g} m long; {words}")
         corners = vertices[triangles]
         if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
             raise RobotError(field, uri, "has no surface; check its scale")

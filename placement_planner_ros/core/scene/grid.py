@@ -174,7 +174,9 @@ class ObstacleSet:
             noise: of points that lie on their surfaces already; estimated, and removed, unless
                 given.
         """
-        size, origin = settings.cell_size, lattice_corner(lower, settings.cell_size)
+        # The corner of the cell that the lower end lies in: cells are the same in every grid.
+        size = settings.cell_size
+        origin = (np.floor(lower / size + _ORIGIN_SHIFT) - _ORIGIN_SHIFT) * size
         shape = _grid_shape(origin, upper, settings)
 
         bounds = kernel_input(lower), kernel_input(upper)
@@ -333,12 +335,6 @@ class ObstacleSet:
             first_point=_read_only(np.concatenate([[0], held[order].cumsum()])),
             barred=None if barred is None else _read_only(barred[order]),
         )
-
-
-def lattice_corner(lower: Array, cell_size: float) -> Array:
-    """(3,) the corner of the cell that a point (3,) lies in: cells are the same in every grid."""
-    corner = np.floor(lower / cell_size + _ORIGIN_SHIFT) - _ORIGIN_SHIFT
-    return np.asarray(corner * cell_size)
 
 
 def surface_tolerance(noise: float) -> float:

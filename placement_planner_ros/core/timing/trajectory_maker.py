@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -124,15 +125,8 @@ class TrajectoryMaker:
             constraint=holding.upright,
         )
         # The transit, by limits scaled for it.
-        limits = np.array(
-            [
-                holding.arm.velocity * settings.velocity_scaling,
-                settings.accelerations(holding.arm) * settings.acceleration_scaling,
-            ]
-        )
-
-        def approach_free(a: Array, b: Array, deviation: Array) -> bool:
-            return holding.timed_free(a, b, deviation, contact=True)
+        fastest = settings.accelerations(holding.arm) * settings.acceleration_scaling
+        limits = np.array([holding.arm.velocity * settings.velocity_scaling, fastest])
 
         joints, carried = holding.arm.joints, self._carried(holding)
         transit = parameterize_path(path, joints, limits, holding.timed_free, should_stop, carried)
@@ -140,9 +134,8 @@ class TrajectoryMaker:
             return None
         # The approach, slower, with contact allowed.
         slow = settings.approach_scaling * limits
-        approach = parameterize_path(
-            goal.approach, joints, slow, approach_free, should_stop, carried
-        )
+        touching = partial(holding.timed_free, contact=True)
+        approach = parameterize_path(goal.approach, joints, slow, touching, should_stop, carried)
         if approach is None:
             return None
         # The timed approach stays on its line.

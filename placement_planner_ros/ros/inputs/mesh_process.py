@@ -22,14 +22,10 @@ from typing import Any
 
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
+from placement_planner_ros.core.body.mesh_components import Triangles
 from placement_planner_ros.core.child_process import child_environment
 from placement_planner_ros.core.disk_cache import stored_result
-from placement_planner_ros.core.meshes.read import (
-    Triangles,
-    check_header,
-    content_digest,
-    read_mesh,
-)
+from placement_planner_ros.core.meshes.read import check_header, content_digest, read_mesh
 from placement_planner_ros.core.stopping import StoppedError, step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.patience import LOOK_S, PREPARING_S
@@ -197,10 +193,8 @@ def _answer(what: str, *given: Any) -> object:
         return convex_cover(*given) if what == "cover" else read_mesh(*given)
     except MemoryError:
         return f"it takes more than {MAX_MEMORY_BYTES} bytes of memory"
-    except Exception as error:  # whatever loaders raise at what they are given
-        words = " ".join(str(error).split())[:300] or "it holds what no such file does"
-        known = isinstance(error, (ValueError, OSError))
-        return words if known else f"{type(error).__name__}: {words}"
+    except Exception as error:
+        return " ".join(str(error).split())[:300] or "it holds what no such file does"
 
 
 def _end_with_node() -> None:

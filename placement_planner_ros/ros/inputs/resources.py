@@ -92,7 +92,8 @@ class Files:
             words = f"there is no file {' nor '.join(dict.fromkeys(map(str, may)))}"
             words += _PACKAGES if found else ""
         else:
-            words = _ELSEWHERE + (_PACKAGES if scheme == "package" else "")
+            words = "names no package that is known" if trusted else _ELSEWHERE
+            words += _PACKAGES if scheme == "package" else ""
         raise FileNotFoundError(words)
 
     def _candidates(self, uri: str, trusted: bool, beside: Path | None) -> Iterator[Path]:

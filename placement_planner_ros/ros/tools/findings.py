@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -43,12 +44,17 @@ class Findings:
         self.faults += [line for line in said if line not in self.faults]
 
     def attempt(self, make: Callable[[], Made]) -> Made | None:
-        """What it makes; None where it raises what is wrong."""
+        """What it makes; None where it raises what is wrong, or a file cannot be written."""
         try:
             return make()
-        except PlacementPlannerError as error:
+        except (PlacementPlannerError, OSError) as error:
             self.wrong(error)
             return None
+
+    def write(self, path: Path | None, make: Callable[[Path], object]) -> None:
+        """Have the file written, if there is to be one."""
+        if path is not None and self.attempt(lambda: (make(path), True)[1]):
+            self.say(f"wrote {path}")
 
     def conclude(self) -> None:
         """Say everything that is remarkable, and everything that is wrong."""

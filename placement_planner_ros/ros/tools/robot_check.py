@@ -75,19 +75,9 @@ def _check(options: argparse.Namespace) -> int:
         robot = snapshot.robot
         describe_robot(robot, bool(given.parameters["robot_description"]), findings)
         describe_arms(snapshot, findings)
-        if options.write_srdf is not None:
-            options.write_srdf.write_text(srdf_of(robot), encoding="utf-8")
-            findings.say(f"wrote {options.write_srdf}")
-        if options.picture is not None:
-            draw_robot(
-                options.picture,
-                robot,
-                snapshot.q_start,
-                snapshot.arms,
-                snapshot.body,
-                snapshot.parameters.volume,
-            )
-            findings.say(f"wrote {options.picture}")
+        findings.write(options.write_srdf, lambda path: path.write_text(srdf_of(robot), "utf-8"))
+        shown = snapshot.q_start, snapshot.arms, snapshot.body, snapshot.parameters.volume
+        findings.write(options.picture, lambda path: draw_robot(path, robot, *shown))
         check_grasps(snapshot, findings)
         check_search(snapshot, findings)
     findings.conclude()
@@ -127,7 +117,9 @@ def read_snapshot(
         start: some joint values where there is no such file; None for zero.
     """
     parameters = given.parameters
-    inputs = Inputs(parameters, ["points"])
+    inputs = findings.attempt(lambda: Inputs(parameters, ["points"]))
+    if inputs is None:
+        return None
     inputs.object.wait()
     inputs.robot.wait()
     robot = findings.attempt(lambda: inputs.robot.robot)
@@ -182,11 +174,6 @@ def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
         findings.say(f"{name} = {mimic.multiplier:g} · {mimic.master} + {mimic.offset:g}", 2)
     for words in robot.warnings:
         findings.say(f"assumed: {words}")
-    if not robot.geometry_links:
-        findings.wrong(
-            "the robot has no collision shapes: nothing would be kept apart; give its links "
-            "<collision> elements"
-        )
 
 
 def describe_arms(snapshot: Snapshot, findings: Findings) -> None:

@@ -76,6 +76,26 @@ def test_what_it_cannot_read_it_says(tmp_path):
         read_mesh(path)
 
 
+ASSET = b'{"version":"2.0","generator":"https://github.com/mikedh/trimesh"}'
+STRIPS = b"element tristrips 1\nproperty list int int vertex_indices\nend_header"
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("a.glb", b'"mode":4', b'"mode":6'),
+        ("a.glb", ASSET, b'{"version":"2.0"},"skins":[{}]'),
+        ("a.glb", ASSET, b'{"version":"2.0"},"extensionsRequired":["E"]'),
+        ("text.ply", b"end_header", STRIPS),
+    ],
+)
+def test_what_a_loader_would_leave_out_is_refused(tmp_path, name, old, new):
+    assert FILES[name].count(old) == 1
+    (tmp_path / name).write_bytes(FILES[name].replace(old, new.ljust(len(old))))
+    with pytest.raises(ValueError, match="is not read; export"):
+        read_mesh(tmp_path / name)
+
+
 @pytest.mark.parametrize("odd", ["nan", "inf"])
 @pytest.mark.parametrize("kind", ["stl_ascii", "stl", "obj", "off", "ply", "glb"])
 def test_vertices_that_are_no_numbers_are_refused_with_their_count(tmp_path, kind, odd):

@@ -17,7 +17,8 @@ PANDA = SHARED / "data/robots/panda_description/urdf/panda_collision.urdf"
 
 SCARA = """
 <robot name="scara">
-  <link name="base"/><link name="upper"/><link name="fore"/><link name="quill"/><link name="tip"/>
+  <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="upper"/><link name="fore"/><link name="quill"/><link name="tip"/>
   <joint name="shoulder" type="revolute">
     <parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
     <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>

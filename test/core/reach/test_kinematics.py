@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.robots import SLIDING
 from helpers.shared import SHARED
 
 from placement_planner_ros.core.errors import RobotError
@@ -11,27 +12,6 @@ from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
-
-GANTRY = """
-<robot name="gantry">
-  <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
-  <joint name="along" type="prismatic">
-    <parent link="base"/><child link="cart"/><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.2 0.9"/>
-    <axis xyz="1 0 0"/><limit lower="-0.5" upper="1.0" velocity="1" effort="1"/>
-  </joint>
-  <joint name="turn" type="revolute">
-    <parent link="cart"/><child link="mast"/><origin xyz="0 0 0.4" rpy="0 1 0"/>
-    <axis xyz="0.6 0 -0.8"/><limit lower="-2" upper="2" velocity="1" effort="1"/>
-  </joint>
-  <joint name="reach" type="prismatic">
-    <parent link="mast"/><child link="boom"/><origin xyz="0 0.3 0"/>
-    <axis xyz="0 -1 0"/><limit lower="0" upper="0.7" velocity="1" effort="1"/>
-  </joint>
-  <joint name="wrist" type="continuous">
-    <parent link="boom"/><child link="tip"/><origin xyz="0.2 0 0"/><axis xyz="0 0 -1"/>
-  </joint>
-</robot>
-"""
 
 
 def panda() -> Robot:
@@ -46,11 +26,11 @@ def case(name: str) -> tuple[Robot, Arm, np.ndarray]:
         robot = panda()
         return robot, robot.arm("arm", "panda_hand"), np.zeros(robot.model.nq)
     if name == "gantry":
-        robot = Robot.from_urdf(GANTRY)
+        robot = Robot.from_urdf(SLIDING)
         return robot, robot.arm("arm", "tip"), np.zeros(4)
     if name == "part":  # some joints on the way stand still
-        robot = Robot.from_urdf(GANTRY)
-        return robot, robot.arm("arm", "tip", ["turn", "wrist"]), np.array([0.3, 0, 0.2, 0])
+        robot = Robot.from_urdf(SLIDING)
+        return robot, robot.arm("arm", "tip", ["turn", "roll"]), np.array([0.3, 0, 0.2, 0])
     robot = load_yumi()
     return robot, yumi_arm(robot, name), robot.configuration(START_CONFIGURATION)
 
@@ -112,13 +92,13 @@ def test_rest_of_wrong_length_is_refused():
 
 
 def test_freedom_counts_the_directions_that_joints_move_the_tip_in():
-    robot = Robot.from_urdf(GANTRY)
+    robot = Robot.from_urdf(SLIDING)
     assert Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4)).freedom == 4
     robot = load_yumi()
     q = robot.configuration(START_CONFIGURATION)
     assert Chain.from_robot(robot, yumi_arm(robot, "left"), q).freedom == 6
-    in_line = GANTRY.replace('type="revolute"', 'type="prismatic"').replace(
-        '<axis xyz="0.6 0 -0.8"/>', '<axis xyz="0.540302 0 0.841471"/>'
-    )  # slides as `along` does
+    # `turn` slides as `along` does
+    in_line = SLIDING.replace('type="revolute"', 'type="prismatic"', 1)
+    in_line = in_line.replace('"0.6 0 -0.8"', '"1 0 0"')
     robot = Robot.from_urdf(in_line)
     assert Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4)).freedom == 3

@@ -18,9 +18,13 @@ def joint(name, parent, child, kind="revolute", limit='lower="-2" upper="2" velo
     )
 
 
+FOOT = """<link name="foot">
+  <collision><geometry><sphere radius="0.1"/></geometry></collision></link>"""
+
+
 def tower(limits=None, more=""):
     """A lift that carries an arm of two joints and a head, and a hand with a finger."""
-    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abchf"))
+    links = FOOT + "".join(f'<link name="{n}"/>' for n in "abchf")
     return Robot.from_urdf(
         f'<robot name="tower">{links}'
         + joint("lift", "foot", "a", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
@@ -127,8 +131,7 @@ def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
 
 def test_joints_that_move_together_have_limits_that_fit_each_other():
     """A lift of two stages: what the second does is the first's; a head that rises with both."""
-    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
-    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abcd"))
+    links = FOOT + "".join(f'<link name="{n}"/>' for n in "abcd")
     stages = joint("first", "foot", "a", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
     second = joint("second", "a", "b", "prismatic", 'lower="0" upper="0.15" velocity="0.1"')
     follows = '<mimic joint="first" multiplier="0.5" offset="0.01"/></joint>'
@@ -144,6 +147,6 @@ def test_joints_that_move_together_have_limits_that_fit_each_other():
     assert robot.arm("arm", "c", joints=["swing"]).joints == ("swing",)
     with pytest.raises(RobotError, match=r"second.*mimics first.*\['swing'\]"):
         robot.arm("arm", "c", joints=["first", "swing"])
-    seen = Robot.from_urdf(text.replace('<link name="d"/>', f'<link name="d">{shape}</link>'))
+    seen = Robot.from_urdf(text.replace('<link name="d"/>', FOOT.replace("foot", "d")))
     with pytest.raises(RobotError, match=r"head.*mimics first.*\['swing'\]"):
         seen.arm("arm", "c")
