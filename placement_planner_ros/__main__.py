@@ -77,17 +77,13 @@ def placement_planner() -> Any:
         with ended_while_loading():
             compile_all = import_module(f"{PACKAGE}.compile").main
         return compile_all()
-    if _asks_for_help():
-        return print(_NODE_HELP)
-    _require_ros_only("placement_planner")
+    _require_ros_only("placement_planner", _NODE_HELP)
     return _start("placement_planner", "ros.node", ROS_REMEDY, until_signal=True)
 
 
 def placement_scene() -> Any:
     """A bundled scene as cameras and a robot would publish it."""
-    if _asks_for_help():
-        return print(_SCENE_HELP)
-    _require_ros_only("placement_scene")
+    _require_ros_only("placement_scene", _SCENE_HELP)
     return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY, until_signal=True)
 
 
@@ -98,7 +94,10 @@ def placement_view() -> Any:
     return _start("placement_view", "view.command", VIEW_REMEDY, until_signal=True)
 
 
-def _require_ros_only(program: str) -> None:
+def _require_ros_only(program: str, help_text: str) -> None:
+    if _asks_for_help():
+        print(help_text)
+        sys.exit()
     if len(sys.argv) > 1 and sys.argv[1] != "--ros-args":
         sys.exit(f"{program}: {sys.argv[1]} is not known; all but --help goes after --ros-args")
 

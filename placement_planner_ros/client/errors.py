@@ -8,13 +8,15 @@ NO_ANSWER = "NO_ANSWER"
 """The node is there, but an answer or a result has not come in time."""
 WITHDRAWN = "WITHDRAWN"
 """The client was told to withdraw."""
+CLIENT_CODES = (NO_NODE, NO_ANSWER, WITHDRAWN)
+"""The client's own codes; all others are the node's."""
 
 
 class PlacementError(Exception):
     """There is no solution, or a command was refused.
 
     Args:
-        code: the node's, or one of these three.
+        code: the node's, or one of `CLIENT_CODES`.
         words: what the node says, a line for each fault.
         run: which run it is about; None where none began.
     """

@@ -50,8 +50,7 @@ def checked_mesh(
     # Of vertices that triangles have: finite numbers, and a size that objects have.
     kept, made = np.unique(faces.astype(np.int64), return_inverse=True)
     used = points[kept]
-    odd = int((~np.isfinite(used).all(axis=1)).sum())
-    if odd:
+    if odd := int((~np.isfinite(used).all(axis=1)).sum()):
         raise ObjectError("`vertices`", f"{odd} of them NaN or infinite", "give finite numbers")
     with np.errstate(over="ignore"):
         across = float((used.max(axis=0) - used.min(axis=0)).max()) * scale

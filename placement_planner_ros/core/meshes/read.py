@@ -91,23 +91,27 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(path.read_bytes())):
         what = found[found.lastindex or 0].decode().strip()
         raise ValueError(f"its {what} is not read; export plain triangles")
-    loaders = {".stl": _read_by_trimesh, ".glb": _read_by_trimesh, ".dae": _read_by_collada}
-    try:
-        vertices, triangles = loaders.get(suffix, _read_by_assimp)(path)
-    except (MemoryError, *UNREADABLE):
-        raise
-    except Exception as error:  # whatever else a loader raises
-        raise ValueError(f"{type(error).__name__}: {error}") from error
-    # What no mesh may have.
-    if len(triangles) == 0:
-        raise ValueError("it holds no triangles")
-    if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
-        raise ValueError(f"it has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
-    bad = int((~np.isfinite(vertices).all(axis=1)).sum())
-    if bad:
-        raise ValueError(f"{bad} of its vertices are not finite")
+    # What is wrong with a .ply or .off trimesh tells, before assimp takes other vertices for those
+    # that a face names, or ends the process.
+    alone = {".dae": _read_by_collada, ".obj": _read_by_assimp}
+    loaders = [alone.get(suffix, _read_by_trimesh)]
+    loaders += [_read_by_assimp] * (suffix in (".ply", ".off"))
+    for load in loaders:
+        try:
+            vertices, triangles = load(path)
+        except (MemoryError, *UNREADABLE):
+            raise
+        except Exception as error:  # whatever else a loader raises
+            raise ValueError(f"{type(error).__name__}: {error}") from error
+        # What no mesh may have.
+        if len(triangles) == 0:
+            raise ValueError("it holds no triangles")
+        if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
+            raise ValueError(f"it has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
+        if bad := int((~np.isfinite(vertices).all(axis=1)).sum()):
+            raise ValueError(f"{bad} of its vertices are not finite")
     # Equal vertices are one.
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()

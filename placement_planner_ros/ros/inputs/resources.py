@@ -88,11 +88,10 @@ class Files:
         scheme, found, _ = uri.partition("://")
         if found and scheme not in ("file", "package"):
             words = "is not read; use package://PACKAGE/PATH, file:///PATH or a path"
-        elif may:
-            words = f"there is no file {' nor '.join(dict.fromkeys(map(str, may)))}"
-            words += _PACKAGES if found else ""
         else:
             words = "names no package that is known" if trusted else _ELSEWHERE
+            if may:
+                words = f"there is no file {' nor '.join(dict.fromkeys(map(str, may)))}"
             words += _PACKAGES if scheme == "package" else ""
         raise FileNotFoundError(words)
 

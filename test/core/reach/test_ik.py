@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.few_joints import urdf_of
 from helpers.shared import SHARED
 
 from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
@@ -15,33 +16,11 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yu
 
 PANDA = SHARED / "data/robots/panda_description/urdf/panda_collision.urdf"
 
-SCARA = """
-<robot name="scara">
-  <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <link name="upper"/><link name="fore"/><link name="quill"/><link name="tip"/>
-  <joint name="shoulder" type="revolute">
-    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
-    <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>
-  </joint>
-  <joint name="elbow" type="revolute">
-    <parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
-    <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>
-  </joint>
-  <joint name="lift" type="prismatic">
-    <parent link="fore"/><child link="quill"/><origin xyz="0.3 0 0"/>
-    <axis xyz="0 0 -1"/><limit lower="0" upper="0.3" velocity="1" effort="1"/>
-  </joint>
-  <joint name="wrist" type="continuous">
-    <parent link="quill"/><child link="tip"/><origin xyz="0 0 -0.1"/><axis xyz="0 0 -1"/>
-  </joint>
-</robot>
-"""
-
 
 def chain_of(name: str) -> Chain:
     if name == "scara":
-        robot = Robot.from_urdf(SCARA)
-        return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4))
+        robot = Robot.from_urdf(urdf_of(name))
+        return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(robot.model.nq))
     if name == "panda":
         if not PANDA.is_file():
             pytest.skip("needs the shared Panda")

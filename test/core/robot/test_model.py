@@ -1,5 +1,7 @@
 """Robots from any URDF: what is derived, what is refused and in which words."""
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -322,6 +324,17 @@ def test_mesh_paths(tmp_path):
             Robot.from_urdf(with_geometry(f'<mesh filename="{name}"/>'))
 
 
+@pytest.mark.parametrize(("between", "reason"), [(2, "Adjacent"), (3, "Always")])
+def test_links_are_neighbours_over_three_joints_at_most(between, reason):
+    names = ["base", *(f"bare_{k}" for k in range(between)), "last"]
+    joints = [joint(b, a, b, xyz="0 0 0") for a, b in pairwise(names)]
+    bare = urdf(*map(link, names), *joints)
+    text = bare.replace(link("base"), link("base", BOX)).replace(link("last"), link("last", BOX))
+    assert Robot.from_urdf(text).allowed_pairs == {("base", "last"): reason}
+    with pytest.raises(RobotError, match="no collision shapes"):
+        Robot.from_urdf(bare).arm("arm", "last")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -330,6 +343,7 @@ def test_mesh_paths(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "not finite"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no surface"),
         (cube(100.0), "100 m long.*millimetres"),
+        (cube(1e-3), "0.001 m long; check its scale"),
     ],
 )
 def test_bad_meshes_are_refused(tmp_path, content, message):

@@ -176,6 +176,12 @@ def test_a_grasp_in_which_nothing_holds_the_object_is_worth_a_look(robot, capsys
     assert "unless something holds it" not in wrong
 
 
+def test_files_that_are_not_there_are_in_the_list(tmp_path, capsys):
+    missing = str(tmp_path / "missing" / "file")
+    assert main(["--urdf", missing, "--srdf", missing]) == 1
+    assert f"there is no file {missing}" in " ".join(capsys.readouterr().out.split())
+
+
 def test_without_arms_that_is_wrong(robot, capsys):
     assert main(["--urdf", str(robot / "robot.urdf"), "--object", str(robot / "box.stl")]) == 1
     assert "set arms and, of each, tip_frame" in faults(capsys.readouterr().out)

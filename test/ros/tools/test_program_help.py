@@ -1,4 +1,4 @@
-"""Programs asked for help say what they are for, and end."""
+"""Programs asked for help, or something they do not know, say what they are for, and end."""
 
 import sys
 
@@ -7,13 +7,16 @@ import pytest
 from placement_planner_ros import __main__ as programs
 
 
-@pytest.mark.parametrize("flag", ["-h", "--help"])
+@pytest.mark.parametrize("flag", ["-h", "--help", "--params-file"])
 @pytest.mark.parametrize("name", ["placement_planner", "placement_scene"])
 def test_help_is_printed_and_nothing_is_started(name, flag, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [name, flag])
     monkeypatch.setattr(programs, "import_module", lambda module: pytest.fail(f"{module} started"))
-    assert getattr(programs, name)() is None
-    assert f"usage: {name} " in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        getattr(programs, name)()
+    asked = flag != "--params-file"
+    assert (f"usage: {name} " in capsys.readouterr().out) == asked
+    assert asked or "goes after --ros-args" in str(ended.value)
 
 
 def test_the_help_of_the_page_needs_neither_ros_nor_viser(monkeypatch, capsys):
