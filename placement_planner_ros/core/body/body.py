@@ -111,7 +111,7 @@ class Body:
                 within.append(piece if closed else part.corners)
         none = np.zeros((0, 3, 3))
         solids, sheets = np.concatenate([none, *within]), np.concatenate([none, *open_])
-        fault = "the mesh is not closed: it counts as a sheet without inside and mass"
+        fault = "the mesh is not closed: it counts as a sheet without inside or mass"
         warnings = [fault] if open_ else []
         # Where the mass is: of any density it has its centre within the hull.
         size = 0.5 * settings.voxel_size
