@@ -29,14 +29,15 @@ import os, sys
 class Interrupt:
     # asked for every module before it is loaded
     def find_spec(self, name, path=None, target=None):
-        if name == sys.argv[1]:
+        if name == given[0]:
             sys.meta_path.remove(self)
-            os.kill(os.getpid(), int(sys.argv[2]))
+            os.kill(os.getpid(), int(given[1]))
             print("went on loading")
 
+given, sys.argv[1:] = sys.argv[1:], []
 sys.meta_path.insert(0, Interrupt())
 from placement_planner_ros import __main__ as programs
-getattr(programs, sys.argv[3])()
+getattr(programs, given[2])()
 """
 
 

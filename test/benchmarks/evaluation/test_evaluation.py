@@ -23,8 +23,8 @@ from benchmarks.record import RecordedRun, RecordedSolution, Trial, trial_entry
 from benchmarks.yardstick.exhaustive_search import YardstickJob, measure_yardstick
 from placement_planner_ros.core.errors import ParameterError
 
-TABLE = Case("table", "small_crayons_box", "maximize_clearance")
-CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
+TABLE = Case("table", "wine_glass", "maximize_clearance")
+CABINET = Case("cabinet_low_clutter", "toy_table", "minimize_clearance")
 STEPS = [(1.0, 0.5), (3.0, 0.9)]
 
 

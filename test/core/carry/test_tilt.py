@@ -13,7 +13,8 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yu
 
 GANTRY = """
 <robot name="gantry">
-  <link name="base"/><link name="mast"/><link name="boom"/><link name="wrist"/><link name="tip"/>
+  <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="mast"/><link name="boom"/><link name="wrist"/><link name="tip"/>
   <joint name="turn" type="revolute"><parent link="base"/><child link="mast"/>
     <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
   <joint name="reach" type="prismatic"><parent link="mast"/><child link="boom"/>
