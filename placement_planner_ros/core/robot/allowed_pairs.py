@@ -164,9 +164,7 @@ def _neighbouring_links(robot: Robot) -> set[Pair]:
     above = [set(robot.model.supports[frame.parentJoint]) for frame in frames]
     for link in links:
         own = frame = robot.frame_id(link)
-        while (frame := frames[frame].parentFrame) != 0:
-            if len(above[own] - above[frame]) > NEARBY:
-                break
+        while (frame := frames[frame].parentFrame) and len(above[own] - above[frame]) <= NEARBY:
             if frames[frame].type == pin.FrameType.BODY and frames[frame].name in links:
                 found.add(sorted_pair(link, str(frames[frame].name)))
                 break

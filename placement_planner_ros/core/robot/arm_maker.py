@@ -47,8 +47,7 @@ def derive_arm(
     """
     where = f"arm {name}"
     if not robot.geometry_links:
-        words = "has no collision shapes: nothing would be kept apart; give its links <collision>"
-        raise RobotError("robot", robot.name, words)
+        raise RobotError("robot", robot.name, "has no collision shapes: give its links <collision>")
     if not robot.has_link(tip_frame):
         words = f"name a link of the robot {robot.name!r}"
         raise RobotError(f"{where}: tip_frame", tip_frame, words)
