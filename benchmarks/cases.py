@@ -34,7 +34,7 @@ OBJECTIVES = tuple(OBJECTIVE_WORDS)
 Cloud = Literal["complete", "cameras"]
 GROUPS = {"paper": OBJECT_NAMES, "single_meshes": SINGLE_MESHES, "household": HOUSEHOLD}
 """The objects of each group of cases."""
-_PARTS = {"part_of_table": TargetVolume([0.2475, -0.3175, -0.05], [0.5865, 0.3655, 0.02])}
+PARTS = {"part_of_table": TargetVolume([0.2475, -0.3175, -0.05], [0.5865, 0.3655, 0.02])}
 """V that is a part of the table's, what is around it counting, too, as in the demonstration."""
 
 
@@ -61,7 +61,7 @@ def all_cases(cloud: Cloud = "complete", objects: tuple[str, ...] = OBJECT_NAMES
 
 def case_scene(name: str) -> Scene:
     """One of the bundled scenes, or the table with V a part of it."""
-    part = _PARTS.get(name)
+    part = PARTS.get(name)
     return scene_by_name(name) if part is None else replace(scene_by_name("table"), volume=part)
 
 
@@ -127,7 +127,7 @@ def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
         rng: noise of the camera clouds.
     """
     made = inputs_of(case.object, case_scene(case.scene).volume, scene_points(case, rng))
-    return replace(made, beyond_volume=case.scene in _PARTS)
+    return replace(made, beyond_volume=case.scene in PARTS)
 
 
 def build_problem(

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from benchmarks.cases import OBJECTIVES, Case
+from benchmarks.cases import OBJECTIVES, PARTS, Case
 from benchmarks.household import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -14,7 +14,7 @@ from placement_planner_ros.scenes.scenes import SCENE_NAMES
 def add_case_options(parser: argparse.ArgumentParser) -> None:
     """`--scene`, `--object` and `--objective`, each to be given several times."""
     for name, choices in (
-        ("--scene", SCENE_NAMES),
+        ("--scene", (*SCENE_NAMES, *PARTS)),
         ("--object", ALL_OBJECTS),
         ("--objective", OBJECTIVES),
     ):
