@@ -96,8 +96,7 @@ def placement_view() -> Any:
 
 def _require_ros_only(program: str, help_text: str) -> None:
     if _asks_for_help():
-        print(help_text)
-        sys.exit()
+        sys.exit(print(help_text))
     if len(sys.argv) > 1 and sys.argv[1] != "--ros-args":
         sys.exit(f"{program}: {sys.argv[1]} is not known; all but --help goes after --ros-args")
 

@@ -14,8 +14,7 @@ _WIDTH = 30
 """Characters of the bar."""
 _REMEDY = (
     "  what to try: make room there, or name a folder that can be written in XDG_CACHE_HOME, and "
-    "run placement_planner --compile again; until then each start of the node compiles what is "
-    "missing"
+    "compile again; until then each start of the node compiles what is missing"
 )
 
 
@@ -34,10 +33,7 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         line.end()
-        print(
-            "interrupted; what is compiled is kept, placement_planner --compile goes on from there",
-            file=sys.stderr,
-        )
+        print("interrupted; placement_planner --compile goes on from there", file=sys.stderr)
         return 128 + signal.SIGINT
 
 

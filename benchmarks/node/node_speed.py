@@ -130,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=1.0, help="of one search, for memory")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    scene = ["-m", "placement_planner_ros.ros.tools.scene_publisher", *_COMMON]
+    scene = ["-m", "placement_planner_ros", "placement_scene", *_COMMON]
     scene += ["-p", f"name:={SCENE}", "-p", f"object:={OBJECT}"]
 
     def measure(processes: Sequence[subprocess.Popen[bytes]]) -> None:

@@ -192,7 +192,3 @@ def published(setting: Setting) -> Iterator[ScenePublisher]:
         thread.join()
         executor.shutdown()
         scene.destroy_node()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -110,7 +110,3 @@ def _address_fault(host: str, port: int) -> str:
     except (OSError, OverflowError) as error:
         return f"--host {host} --port {port}: {error}; choose another"
     return ""
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,10 +1,10 @@
 """Triangles of a mesh file, the same for links and objects.
 
-Where there are polygons, in .obj, .ply and .off, assimp reads them, through coal, as trimesh cuts
-those with a notch wrongly. (What has nodes within nodes coal puts together wrongly.) A .dae is
-pycollada's, .stl and .glb are trimesh's. What these would leave out without a word is refused.
-Loaders raise whatever they like at a file that is not what its name says, and take whatever memory
-it asks for: the node reads in a process of its own.
+trimesh reads them, a .dae pycollada. An .obj is assimp's, through coal: of several parts whose
+faces count vertices from the end trimesh takes others. (What has nodes in nodes coal puts together
+wrongly; at a .ply that is cut off it makes faces up, or ends the process.) What these would leave
+out without a word, or fill, is refused. Loaders raise whatever they like at a file that is not what
+its name says, and take whatever memory it asks for: the node reads in a process of its own.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ MAX_BYTES = 64_000_000
 UNREADABLE = OSError, ValueError
 """What `read_mesh` raises at a file that is not there, or not what its name says."""
 
-_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_UNIT = re.compile(rb"<(?:\w+:)?unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
 _NO_SURFACE = re.compile(
     rb"<(bind_material|library_(?:images|effects|materials|lights|cameras|animations)|extra)\b"
     rb"(?:[^>]*/>|.*?</\1>)|<instance_(?:camera|light)\b(?:[^>]*/>|.*?</instance_\w+>)",
@@ -42,11 +43,18 @@ _NO_SURFACE = re.compile(
 )
 """What of a .dae has no surface: nothing about it can be wrong then."""
 _LEFT_OUT = {
-    ".dae": re.compile(rb"<(?:\w+:)?(ph|instance_controller)\b"),
-    ".glb": re.compile(rb'"(extensionsRequired|skins|sparse)"\s*:|"mode"\s*:\s*6\b'),
-    ".ply": re.compile(rb"\nelement tristrips\b"),
+    ".dae": re.compile(rb"<(?:\w+:)?(ph|instance_controller|lookat)\b"),
+    ".glb": re.compile(
+        rb'"(skins|extensionsRequired)"\s*:\s*\[(?!\s*\])|"(sparse|weights|mode"\s*:\s*6)\b|(EXT_mesh\w*)'
+    ),
+    ".ply": re.compile(rb"\n[ \t]*element[ \t]+(tristrips?)\b"),
 }
-"""What loaders leave out: polygons with holes; what bones move, or an extension; triangle fans."""
+"""What loaders leave out: polygons with holes; what bones, weights or an extension move; triangle
+fans and strips; what pycollada takes otherwise."""
+_FACES = re.compile(
+    rb"(?m)^[ \t]*(?:element[ \t]+face|\d+)[ \t]+(\d+)(?:[ \t]+\d+)?[ \t\r]*(?:#.*)?$"
+)
+"""Where a .ply, or a .off, says how many faces it has."""
 
 
 def check_header(path: Path) -> None:
@@ -71,15 +79,16 @@ def content_digest(suffix: str, data: bytes) -> str:
         suffix: of the file's name, in lower case, with the dot.
         data: the file's contents.
     """
-    versions = trimesh.__version__, coal.__version__
+    versions = trimesh.__version__, coal.__version__, collada.__version__
     return digest_of(code_digest(__name__), versions, suffix, data)
 
 
 def read_mesh(path: Path) -> tuple[Array, Triangles]:
     """Vertices (n, 3), equal ones merged, and triangles (t, 3) of a mesh file.
 
-    All meshes and scenes in it together, each where the file's transforms put it. In metres where
-    the file is a .dae, which states its unit; else in the file's unit, whatever it says of it.
+    All meshes of the scene that it shows together, each where the file's transforms put it. In
+    metres where the file is a .dae, which states its unit; else in the file's unit, whatever it
+    says of it.
 
     Raises:
         OSError: it cannot be opened.
@@ -87,31 +96,28 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     """
     # By its name and size, then by its loader, but for what that would leave out.
     check_header(path)
-    suffix = path.suffix.lower()
-    if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(path.read_bytes())):
+    suffix, data = path.suffix.lower(), path.read_bytes()
+    if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(_COMMENT.sub(b"", data))):
         what = found[found.lastindex or 0].decode().strip()
         raise ValueError(f"its {what} is not read; export plain triangles")
-    # What is wrong with a .ply or .off trimesh tells, before assimp takes other vertices for those
-    # that a face names, or ends the process.
-    alone = {".dae": _read_by_collada, ".obj": _read_by_assimp}
-    loaders = [alone.get(suffix, _read_by_trimesh)]
-    loaders += [_read_by_assimp] * (suffix in (".ply", ".off"))
-    for load in loaders:
-        try:
-            vertices, triangles = load(path)
-        except (MemoryError, *UNREADABLE):
-            raise
-        except Exception as error:  # whatever else a loader raises
-            raise ValueError(f"{type(error).__name__}: {error}") from error
-        # What no mesh may have.
-        if len(triangles) == 0:
-            raise ValueError("it holds no triangles")
-        if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
-            raise ValueError(f"it has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}")
-        if triangles.min() < 0 or triangles.max() >= len(vertices):
-            raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
-        if bad := int((~np.isfinite(vertices).all(axis=1)).sum()):
-            raise ValueError(f"{bad} of its vertices are not finite")
+    loaders = {".dae": _read_by_collada, ".obj": _read_by_assimp}
+    try:
+        vertices, triangles = loaders.get(suffix, _read_by_trimesh)(path)
+    except (MemoryError, *UNREADABLE):
+        raise
+    except Exception as error:  # whatever else a loader raises
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+    # What no mesh may have.
+    if len(triangles) == 0:
+        raise ValueError("it holds no triangles")
+    if len(triangles) > MAX_TRIANGLES:  # before anybody takes memory for more
+        raise ValueError(f"it has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
+    if bad := int((~np.isfinite(vertices).all(axis=1)).sum()):
+        raise ValueError(f"{bad} of its vertices are not finite")
+    if suffix in (".ply", ".off") and (told := _FACES.search(data)):
+        _require_quads(vertices, triangles, int(told[1]))
     # Equal vertices are one.
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()
@@ -133,19 +139,20 @@ def _read_by_trimesh(path: Path) -> tuple[Array, Triangles]:
     if suffix == ".stl" and b"\0" in data[:1000] and len(data) >= 84:
         (count,) = struct.unpack("<I", data[80:84])
         data = data[: 84 + 50 * count]  # some programs append to a binary one
-    elif suffix == ".stl":
+    elif suffix in (".stl", ".off"):
         data = data.decode("utf-8", errors="replace").encode()  # names may be in any encoding
-    # By its contents alone, so that it cannot name other files, and misses none that it names.
-    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
+    # By its contents alone, so that it cannot name other files, and misses none that it names; a
+    # .ply without its picture, whose absence is told at length.
+    mesh = trimesh.load_mesh(io.BytesIO(data), suffix[1:], process=False, skip_materials=True)
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError("it holds no triangles")
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
 
 def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
-    data = path.read_bytes()
-    if b"<!ENTITY" in data:  # which names other files, or multiplies
-        raise ValueError("it defines an entity")
+    data = _COMMENT.sub(b"", path.read_bytes())
+    if b"<!ENTITY" in data or b"\0" in data:  # which names other files, or multiplies
+        raise ValueError("it defines an entity, or is not UTF-8")
     stated = _UNIT.search(data)
     scale = float(stated[1]) if stated else 1.0
     if not 0.0 < scale < np.inf:
@@ -153,13 +160,17 @@ def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
     found = [np.empty((0, 3, 3))]
     for placed in collada.Collada(io.BytesIO(_NO_SURFACE.sub(b"", data))).scene.objects("geometry"):
         for part in placed.primitives():
-            if isinstance(part, BoundLineSet):
+            if isinstance(part, BoundLineSet) or len(part) == 0:
                 continue
             # Polygons become fans, each from its first corner.
             fans = part.triangleset() if isinstance(part, BoundPolylist) else part
+            if fans.vertex_index.min() < 0 or (
+                fans is not part and part.nvertices != len(part.index)
+            ):
+                raise ValueError("a polygon has a vertex below 0, or belongs to none")
             corners = scale * np.asarray(fans.vertex[fans.vertex_index], np.float64)
             if fans is not part:
-                _require_no_notch(corners, np.diff(part.polyindex, axis=1).ravel() - 2)
+                _require_no_notch(corners, np.maximum(np.diff(part.polyindex)[:, 0] - 2, 0))
             # A mirrored solid faces outward as before.
             mirrored = np.linalg.det(placed.matrix[:3, :3]) < 0.0
             found.append(corners[:, ::-1] if mirrored else corners)
@@ -167,12 +178,29 @@ def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
 
 
+def _require_quads(vertices: Array, triangles: Triangles, faces: int) -> None:
+    """Refuse what trimesh made of so many faces unless they are triangles, which come first, and
+    convex quadrilaterals: their first halves, then their second ones."""
+    quads = len(triangles) - faces
+    halves = (
+        triangles[faces - quads :].reshape(2, -1, 3) if 0 <= quads <= faces else triangles[None]
+    )
+    if not np.array_equal(halves[0][:, [0, 2]], halves[-1][:, [2, 0]]):
+        raise ValueError("faces are missing or have more than four corners; export triangles")
+    _require_no_notch(vertices[halves.swapaxes(0, 1).reshape(-1, 3)], np.full(quads, 2))
+
+
 def _require_no_notch(corners: Array, counts: Index) -> None:
-    """Refuse fans (t, 3, 3), so many triangles for each polygon, that reach out of a polygon."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    """Refuse fans (t, 3, 3), so many triangles for each polygon, that reach out of a polygon by
+    more than six digits of a coordinate are worth."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    normals = np.cross(sides[:, 0], sides[:, 1])
     polygon = np.repeat(np.arange(len(counts)), counts)
     whole = np.zeros((len(counts), 3))
     np.add.at(whole, polygon, normals)
     whole = whole[polygon]
-    if ((normals * whole).sum(axis=1) < -1e-6 * (whole * whole).sum(axis=1)).any():
+    # Twice the area beyond, against that of a strip along the longest side.
+    area = np.linalg.norm(whole, axis=1) * np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
+    least = -1e-5 * np.abs(corners).max(initial=0.0) * area
+    if ((normals * whole).sum(axis=1) < least).any():
         raise ValueError("one of its polygons has a notch; export plain triangles")

@@ -184,9 +184,7 @@ class _Meshes:
         # Neither larger than a link may be nor smaller.
         extent = float(np.max(np.ptp(vertices, axis=0)))
         if not 1e-4 * MAX_EXTENT <= extent <= MAX_EXTENT:
-            words = "if it is in millimetres, give scale 0.001 0.001 0.001"
-            words = "check its scale" if extent < MAX_EXTENT else words
-            raise RobotError(field, uri, f"is {extent:.3g} m long; {words}")
+            raise RobotError(field, uri, f"is {extent:.3g} m long; check its scale (millimetres?)")
         corners = vertices[triangles]
         if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
             raise RobotError(field, uri, "has no surface; check its scale")

@@ -194,7 +194,12 @@ def _answer(what: str, *given: Any) -> object:
     except MemoryError:
         return f"it takes more than {MAX_MEMORY_BYTES} bytes of memory"
     except Exception as error:
-        return " ".join(str(error).split())[:300] or "it holds what no such file does"
+        words = " ".join(str(error).split())[:300] or "it holds what no such file does"
+        return (
+            words
+            if isinstance(error, (ValueError, OSError))
+            else f"{type(error).__name__}: {words}"
+        )
 
 
 def _end_with_node() -> None:

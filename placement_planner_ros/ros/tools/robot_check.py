@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -65,8 +64,7 @@ def _check(options: argparse.Namespace) -> int:
     given = read_given(options.params_file, overrides, findings)
     start: Mapping[str, Any] | None = None
     if options.params_file is not None:
-        with contextlib.suppress(ParameterError):  # what is wrong with the file has been said
-            start = start_in(options.params_file)
+        start = findings.attempt(lambda: start_in(options.params_file))
     if start is None and not given.parameters["robot_description"]:
         start = START_CONFIGURATION  # the bundled robot's; at zero it hits itself
     # robot, object and start as a run would begin with them
@@ -183,9 +181,8 @@ def describe_arms(snapshot: Snapshot, findings: Findings) -> None:
         findings.title(f"arm {arm.name}: {arm.dof} joints to {arm.tip_frame}")
         accelerations = np.broadcast_to(timing.accelerations(arm), (arm.dof,))
         for k, joint in enumerate(arm.joints):
-            ends = "without end stops"
-            if joint not in snapshot.robot.continuous:
-                ends = f"{arm.lower[k]:.3f} to {arm.upper[k]:.3f}"
+            ends = f"{arm.lower[k]:.3f} to {arm.upper[k]:.3f}"
+            ends = "without end stops" if joint in snapshot.robot.continuous else ends
             findings.say(
                 f"{joint}: {ends}, velocity {arm.velocity[k]:.3g}, acceleration "
                 f"{accelerations[k]:.3g}, starts at {snapshot.q_start[arm.q_index[k]]:.3f}",
@@ -304,7 +301,3 @@ def _plane_in(volume: TargetVolume, share: float) -> Array:
         grid = np.meshgrid(x, y, [low[2] + share * (high[2] - low[2])], indexing="ij")
         planes.append(np.column_stack([axis.ravel() for axis in grid]))
     return np.concatenate(planes)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

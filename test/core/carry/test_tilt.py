@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.robots import SLIDING
 
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
@@ -11,27 +12,13 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
-GANTRY = """
-<robot name="gantry">
-  <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <link name="mast"/><link name="boom"/><link name="wrist"/><link name="tip"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="mast"/>
-    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-  <joint name="reach" type="prismatic"><parent link="mast"/><child link="boom"/>
-    <axis xyz="1 0 0"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
-  <joint name="pitch" type="revolute"><parent link="boom"/><child link="wrist"/>
-    <axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="1" effort="1"/></joint>
-  <joint name="roll" type="continuous"><parent link="wrist"/><child link="tip"/>
-    <axis xyz="1 0 0"/></joint>
-</robot>
-"""
 R_TIP_OBJECT = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)
 UP = np.array([0.3, -0.2, 0.9])
 
 
 def chain_of(name):
     if name == "gantry":
-        robot = Robot.from_urdf(GANTRY)
+        robot = Robot.from_urdf(SLIDING)
         return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4))
     robot = load_yumi()
     arm = yumi_arm(robot, "left")
