@@ -98,7 +98,7 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     check_header(path)
     suffix, data = path.suffix.lower(), path.read_bytes()
     if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(_COMMENT.sub(b"", data))):
-        what = found[found.lastindex or 0].decode().strip()
+        what = found[found.lastindex or 0].decode().replace('"', "")
         raise ValueError(f"its {what} is not read; export plain triangles")
     loaders = {".dae": _read_by_collada, ".obj": _read_by_assimp}
     try:
