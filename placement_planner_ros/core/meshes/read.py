@@ -38,10 +38,10 @@ _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _UNIT = re.compile(rb"<(?:\w+:)?unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
 _NO_SURFACE = re.compile(
     rb"<(bind_material|library_(?:images|effects|materials|lights|cameras|animations)|extra)\b"
-    rb"(?:[^>]*/>|.*?</\1>)|<instance_(?:camera|light)\b(?:[^>]*/>|.*?</instance_\w+>)",
+    rb"(?:[^>]*/>|(?:(?!<\1\b).)*?</\1>)|<instance_(?:camera|light)\b(?:[^>]*/>|.*?</instance_\w+>)",
     re.DOTALL,
 )
-"""What of a .dae has no surface: nothing about it can be wrong then."""
+"""What of a .dae has no surface, the innermost of it: nothing about it can be wrong then."""
 _LEFT_OUT = {
     ".dae": re.compile(rb"<(?:\w+:)?(ph|instance_controller|lookat)\b"),
     ".glb": re.compile(
@@ -153,27 +153,27 @@ def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
     data = _COMMENT.sub(b"", path.read_bytes())
     if b"<!ENTITY" in data or b"\0" in data:  # which names other files, or multiplies
         raise ValueError("it defines an entity, or is not UTF-8")
-    stated = _UNIT.search(data)
-    scale = float(stated[1]) if stated else 1.0
+    scale = float((_UNIT.search(data) or (b"", b"1"))[1])
     if not 0.0 < scale < np.inf:
         raise ValueError(f"its unit is {scale} m; give a number above 0")
+    while (less := _NO_SURFACE.sub(b"", data)) != data:
+        data = less
     found = [np.empty((0, 3, 3))]
-    for placed in collada.Collada(io.BytesIO(_NO_SURFACE.sub(b"", data))).scene.objects("geometry"):
+    for placed in collada.Collada(io.BytesIO(data)).scene.objects("geometry"):
         for part in placed.primitives():
             if isinstance(part, BoundLineSet) or len(part) == 0:
                 continue
             # Polygons become fans, each from its first corner.
             fans = part.triangleset() if isinstance(part, BoundPolylist) else part
-            if fans.vertex_index.min() < 0 or (
-                fans is not part and part.nvertices != len(part.index)
-            ):
+            fits = fans is part or part.nvertices == len(part.index)
+            if fans.vertex_index.min() < 0 or not fits:
                 raise ValueError("a polygon has a vertex below 0, or belongs to none")
             corners = scale * np.asarray(fans.vertex[fans.vertex_index], np.float64)
             if fans is not part:
                 _require_no_notch(corners, np.maximum(np.diff(part.polyindex)[:, 0] - 2, 0))
             # A mirrored solid faces outward as before.
-            mirrored = np.linalg.det(placed.matrix[:3, :3]) < 0.0
-            found.append(corners[:, ::-1] if mirrored else corners)
+            turn = np.linalg.det(placed.matrix[:3, :3])
+            found.append(corners if turn > 0.0 else corners[:, ::-1])
     vertices = np.concatenate(found).reshape(-1, 3)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
 

@@ -110,6 +110,12 @@ def test_nodes_place_what_they_hold(nodes, bounds):
     assert mesh.volume > 0.0
 
 
+def test_what_has_no_surface_may_be_nested_and_broken():
+    more = "<extra><technique><extra><a/></extra></technique></extra>"
+    broken = "<library_effects><b></library_effects>"
+    assert len(solid(collada(more=more + broken)).faces) == 12
+
+
 @pytest.mark.parametrize("axis", ["X_UP", "Y_UP", "Z_UP"])
 def test_the_unit_counts_and_the_up_axis_does_not(axis):
     asset = f'<unit name="inch" meter="0.0254"/><up_axis>{axis}</up_axis>'
