@@ -52,7 +52,7 @@ _LEFT_OUT = {
 """What loaders leave out: polygons with holes; what bones, weights or an extension move; triangle
 fans and strips; what pycollada takes otherwise."""
 _FACES = re.compile(
-    rb"(?m)^[ \t]*(?:element[ \t]+face|\d+)[ \t]+(\d+)(?:[ \t]+\d+)?[ \t\r]*(?:#.*)?$"
+    rb"(?m)^[ \t]*(?:element[ \t]+face|(?:\w*OFF )?\d+)[ \t]+(\d+)(?:[ \t]+\d+)?[ \t\r]*(?:#|$)"
 )
 """Where a .ply, or a .off, says how many faces it has."""
 
