@@ -97,12 +97,17 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     # By its name and size, then by its loader, but for what that would leave out.
     check_header(path)
     suffix, data = path.suffix.lower(), path.read_bytes()
-    if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(_COMMENT.sub(b"", data))):
+    data = _COMMENT.sub(b"", data) if suffix == ".dae" else data
+    if suffix in _LEFT_OUT and (found := _LEFT_OUT[suffix].search(data)):
         what = found[found.lastindex or 0].decode().replace('"', "")
         raise ValueError(f"its {what} is not read; export plain triangles")
-    loaders = {".dae": _read_by_collada, ".obj": _read_by_assimp}
     try:
-        vertices, triangles = loaders.get(suffix, _read_by_trimesh)(path)
+        if suffix == ".obj":
+            vertices, triangles = _read_by_assimp(path)
+        elif suffix == ".dae":
+            vertices, triangles = _read_by_collada(data)
+        else:
+            vertices, triangles = _read_by_trimesh(suffix, data)
     except (MemoryError, *UNREADABLE):
         raise
     except Exception as error:  # whatever else a loader raises
@@ -134,8 +139,7 @@ def _read_by_assimp(path: Path) -> tuple[Array, Triangles]:
     return np.array(mesh.vertices()).reshape(-1, 3), np.array(list(rows), np.int64).reshape(-1, 3)
 
 
-def _read_by_trimesh(path: Path) -> tuple[Array, Triangles]:
-    suffix, data = path.suffix.lower(), path.read_bytes()
+def _read_by_trimesh(suffix: str, data: bytes) -> tuple[Array, Triangles]:
     if suffix == ".stl" and b"\0" in data[:1000] and len(data) >= 84:
         (count,) = struct.unpack("<I", data[80:84])
         data = data[: 84 + 50 * count]  # some programs append to a binary one
@@ -149,15 +153,13 @@ def _read_by_trimesh(path: Path) -> tuple[Array, Triangles]:
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
 
-def _read_by_collada(path: Path) -> tuple[Array, Triangles]:
-    data = _COMMENT.sub(b"", path.read_bytes())
+def _read_by_collada(data: bytes) -> tuple[Array, Triangles]:
     if b"<!ENTITY" in data or b"\0" in data:  # which names other files, or multiplies
         raise ValueError("it defines an entity, or is not UTF-8")
     scale = float((_UNIT.search(data) or (b"", b"1"))[1])
     if not 0.0 < scale < np.inf:
         raise ValueError(f"its unit is {scale} m; give a number above 0")
-    while (less := _NO_SURFACE.sub(b"", data)) != data:
-        data = less
+    data = _NO_SURFACE.sub(b"", data)
     found = [np.empty((0, 3, 3))]
     for placed in collada.Collada(io.BytesIO(data)).scene.objects("geometry"):
         for part in placed.primitives():

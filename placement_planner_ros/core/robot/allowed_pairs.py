@@ -112,7 +112,7 @@ def shape_pairs(
 def derive_allowed_pairs(robot: Robot) -> dict[Pair, Reason]:
     """Pairs to leave out where no SRDF says so, sorted by name.
 
-    Neighbours (`NEARBY` joints between them, if all links between have no geometry), pairs that
+    Neighbours (one joint between them, or up to `NEARBY` if none between has geometry), pairs that
     overlap in all of `SAMPLES` random configurations, and those at most `NEARBY` joints apart that
     overlap at the zero pose. Links below a joint that cannot be at zero have no zero pose: at the
     limit next to it an arm may well be folded into itself. All of it on the triangles of the

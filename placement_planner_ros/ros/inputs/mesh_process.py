@@ -193,13 +193,10 @@ def _answer(what: str, *given: Any) -> object:
         return convex_cover(*given) if what == "cover" else read_mesh(*given)
     except MemoryError:
         return f"it takes more than {MAX_MEMORY_BYTES} bytes of memory"
-    except Exception as error:
+    except Exception as error:  # whatever else covering a mesh raises
         words = " ".join(str(error).split())[:300] or "it holds what no such file does"
-        return (
-            words
-            if isinstance(error, (ValueError, OSError))
-            else f"{type(error).__name__}: {words}"
-        )
+        known = isinstance(error, (ValueError, OSError))
+        return words if known else f"{type(error).__name__}: {words}"
 
 
 def _end_with_node() -> None:

@@ -53,7 +53,7 @@ class Findings:
 
     def write(self, path: Path | None, make: Callable[[Path], object]) -> None:
         """Have the file written, if there is to be one."""
-        if path is not None and self.attempt(lambda: (make(path), True)[1]):
+        if path is not None and self.attempt(lambda: [make(path)]) is not None:
             self.say(f"wrote {path}")
 
     def conclude(self) -> None:
