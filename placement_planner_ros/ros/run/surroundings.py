@@ -19,7 +19,7 @@ from placement_planner_ros.core.scene.freespace import View
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array, Mask
+from placement_planner_ros.core.types import Array, Index, Mask
 from placement_planner_ros.ros.inputs.camera_shift import camera_shift
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.joint_past import JITTER
@@ -60,7 +60,7 @@ class Surroundings:
         bounds: lower (3,) and upper (3,) corner of the workspace.
         sights: of clouds whose sensor's place is known, without flying pixels.
         disagreements: of clouds whose heights contradict each other.
-        clouds: what is real of each, by what tells one cloud of this snapshot from others.
+        clouds: which points of each are real, by what tells one cloud of this snapshot from others.
     """
 
     snapshot: Snapshot
@@ -70,7 +70,7 @@ class Surroundings:
     bounds: tuple[Array, Array]
     sights: tuple[View, ...]
     disagreements: tuple[Disagreement, ...]
-    clouds: dict[object, Array]
+    clouds: dict[object, Index]
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -85,11 +85,11 @@ class Surroundings:
         known = {} if before is None else before.clouds
         # flying pixels take longest to tell, so they are remembered for each cloud
         keys = [(id(part.points), part.eye, part.placed, size) for part in snapshot.parts]
-        clouds: dict[object, Array] = {
+        clouds: dict[object, Index] = {
             key: known[key] if key in known else _real_points(part, size)
             for key, part in zip(keys, snapshot.parts, strict=True)
         }
-        parts = [(part, clouds[key]) for key, part in zip(keys, snapshot.parts, strict=True)]
+        parts = [(p, p.points[clouds[key]]) for key, p in zip(keys, snapshot.parts, strict=True)]
         points = np.vstack([real for _, real in parts])
         # what the robot and the object in its hand cover is left out of what sensors saw
         kept, near, error = np.ones(len(points), np.bool_), NearPoints(), 0.0
@@ -201,17 +201,17 @@ def _beside_robot(snapshot: Snapshot, clouds: list[Array]) -> tuple[Mask, NearPo
     return kept, near.within(*_workspace(snapshot)), error
 
 
-def _real_points(part: PointSet, size: float) -> Array:
-    """Of a cloud (n, 3) what is no flying pixel, no denser than cells of that size need; what is
+def _real_points(part: PointSet, size: float) -> Index:
+    """Which points of a cloud are no flying pixels, no denser than cells of that size need; what is
     known is all real."""
-    real = part.points
+    rows = np.arange(len(part.points))
     if part.placed:
-        return real
+        return rows
     step("thinning the clouds")
     # without a sensor's place nobody can tell flying pixels
     if part.origin is not None:
-        real = real[~flying_pixels(real, part.origin)]
-    return real[thinned(real, size)]
+        rows = rows[~flying_pixels(part.points, part.origin)]
+    return rows[thinned(part.points[rows], size)]
 
 
 _Filtered = tuple[PointSet, Array, Mask]
