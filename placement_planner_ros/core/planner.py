@@ -95,7 +95,7 @@ class PlannerSettings(Settings):
     local_optimization: bool = setting(
         True, text="Whether each placement is optimised locally before it is published."
     )
-    motion_iterations: int = setting(50, "[1, inf)")
+    motion_iterations: int = setting(150, "[1, inf)")
     ik_seeds: int = setting(63, "[1, inf)")
     min_improvement: float = setting(1e-4, "[0, inf)")
     support: SupportName = setting(

@@ -20,7 +20,7 @@ _DRAWN_OUT_M = 0.3
 """m from the goal, where the object counts as drawn out; of a winding way half as much is tried in
 one direction."""
 _TRIED_DIRECTIONS = 120
-"""Directions that a tree tries in one call."""
+"""Directions that a tree tries in one call, at most."""
 _SMALLEST_STEP = 0.03
 """Of the step between waypoints, the smallest of a winding way: a millimetre."""
 _SPREAD_SHARE = 0.3
@@ -91,7 +91,8 @@ class WindingTree:
     def grow(
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
     ) -> Array | None:
-        """(k, dof) a way further out than all before, after some more directions.
+        """(k, dof) a way further out than all before, after some more directions: few in the first
+        calls, as most goals can be left without, and k² in the k-th.
 
         Args:
             should_stop: asked before every direction; True ends the call.
@@ -103,7 +104,7 @@ class WindingTree:
         self._calls += 1
         run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
         places = np.array(self._places)
-        for _ in range(_TRIED_DIRECTIONS):
+        for _ in range(min(self._calls**2, _TRIED_DIRECTIONS)):
             if not self.pace or should_stop():
                 break
             # From the node that is furthest out, or from the one nearest to a place beside another.

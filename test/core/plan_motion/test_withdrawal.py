@@ -23,13 +23,16 @@ def test_a_winding_way_leads_out_of_a_slot_of_millimetres():
     holding.object_pose = lambda q: pin.SE3(np.eye(3), q)
     holding.follow, holding.transit_free = (lambda T, _: T.translation), in_slot
     tree, rng = WindingTree(holding, np.zeros((1, 3))), np.random.default_rng(0)
-    closed = SimpleNamespace(**vars(holding) | {"transit_free": lambda a, b: False})
+    tries = []
+    closed = SimpleNamespace(**vars(holding) | {"transit_free": lambda *way: tries.append(way)})
     shut = WindingTree(closed, np.zeros((1, 3)))
     grown, ways = [], []
     while tree.pace and len(grown) < 300:
         grown.append(max(shut, tree, key=lambda one: one.pace))
         ways += [way for way in [grown[-1].grow(rng)] if way is not None]
     assert 0 < grown.count(shut) < len(grown) / 3, "what comes out comes first"
+    most = [min(k * k, 120) for k in range(1, grown.count(shut) + 1)]
+    assert len(tries) == sum(most), "few at first"
     assert all(in_slot(a, b) for way in ways for a, b in itertools.pairwise(way))
     out = [np.linalg.norm(way[-1]) for way in ways]
     assert out == sorted(out), "further out than all before"
