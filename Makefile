@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make site | make figures. PYTHON=python3.12 chooses the interpreter (3.11 or newer).
+# make demo | make test | make lint | make site | make figures. PYTHON=python3.12 chooses the interpreter (3.11 or 3.12).
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -56,8 +56,8 @@ figures: install
 install: $(VENV)/.all_dependencies $(VENV)/.installed
 
 $(BIN)/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "Python 3.11 or newer is needed: make PYTHON=python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
+	  { echo "Python 3.11 or 3.12 is needed: make PYTHON=python3.12 ..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 	  { echo "The venv module is missing: apt install python3-venv" >&2; exit 1; }
 	@echo "making the virtual environment $(VENV)"

@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: the paper's cases, its evaluation, motion planning, and all speeds."""
+"""`python -m benchmarks`: the paper's cases and evaluation, robots, situations, clouds, speeds."""
 
 from __future__ import annotations
 

@@ -40,6 +40,7 @@ SelectAfrNode (Algorithm 3), UCB1             search.tree.SearchTree.select
 G_s, v(n), r(n), Update                       search.tree.SearchTree, search.tree.SearchTree.update
 Δr(n); H                                      search.mcts.MctsSampler; search.mcts.checks_passed
 PlanMotion; 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
+... 𝒢_o, dropped where no better              plan_motion.transit.MotionPlanner.retire_up_to
 ... its bidirectional RRT                     motion.birrt.GoalSetRRT
 OptimizeLocally                               optimize_locally.LocalOptimizer.optimize
 ... ∂ξ/∂(x, y, e_z)                           objective.objective.objective_gradient

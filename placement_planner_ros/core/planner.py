@@ -93,7 +93,7 @@ class PlannerSettings(Settings):
 
     sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
     local_optimization: bool = setting(
-        True, text="Whether each placement is optimised locally before it is published."
+        True, text="Whether placements after the first are optimised before they are published."
     )
     motion_iterations: int = setting(150, "[1, inf)")
     ik_seeds: int = setting(63, "[1, inf)")

@@ -105,7 +105,8 @@ def steepness(slope: npt.ArrayLike) -> float:
 
 
 class Verdict(enum.IntEnum):
-    """What a sample's first failed check was, in the order of the checks (cheap first)."""
+    """What a sample's first failed check was, in the paper's order; what the tip's pose alone
+    decides (hand, release, approach) is asked before the inverse kinematics."""
 
     OUTSIDE_VOLUME = 0
     """Reference contact point outside V, or centre of mass horizontally."""

@@ -57,7 +57,7 @@ class RetreatSettings(Settings):
         0.1,
         f"[0.01, {LONGEST_RETREAT_M}]",
         "m",
-        "Length of the straight way that the open hand takes off the placed object.",
+        "Least length of the straight way that the open hand takes off the placed object.",
     )
     retreat_step: float = setting(0.01, "[0.001, 0.1]", "m")
 

@@ -123,8 +123,8 @@ class GoalSetRRT:
     retired goals do not grow by samples. A new goal is first tried directly from the nearest
     forward node.
 
-    Memory: when `max_nodes` is reached the trees are cut back to the start, the active goals'
-    roots and the forward branches to goals; retired goals that were never connected are forgotten.
+    Memory: when `max_nodes` is reached the trees are cut back to the start, the active goals' ways
+    out and the forward branches to goals; retired goals that were never connected are forgotten.
     Where that frees less than half, retired goals are forgotten altogether. Active goals are never
     dropped: where they alone need more than half of `max_nodes`, the limit grows.
 

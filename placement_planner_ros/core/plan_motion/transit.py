@@ -26,7 +26,8 @@ class TransitSettings(Settings):
 
     Attributes:
         active_goals: goals of one arm and grasp that are planned for at the same time.
-        patience: iterations after which a goal that resists makes room for one that waits.
+        patience: iterations after which a goal that resists is tried the other way round, too; for
+            each active goal as many, after which it makes room for one that waits.
         withdrawal: whether each backward tree begins with the way straight out of its goal, and
             gets a winding one where the goal resists.
         rrt: how the trees grow.
@@ -66,7 +67,8 @@ class GoalPlanner(Protocol):
     def plan(
         self, max_iterations: int, should_stop: Callable[[], bool]
     ) -> tuple[Goal, Array] | None:
-        """Spend up to m_max iterations, or less where told to stop; 𝒢 is not empty.
+        """Spend up to m_max iterations on each tree that has goals, and a few tries of ways out of
+        them, or less where told to stop; 𝒢 is not empty.
 
         Returns:
             A goal reached and the path (n, dof) from q_0 to its raised pre-placement, or None.
@@ -78,20 +80,20 @@ class GoalPlanner(Protocol):
 class _Candidate:
     """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
 
-    `tree` holds the ways out of it, None until it is first active; `turned` is whether it has been
-    tried the other way round, too.
+    `rounds` counts how often it made room for others; `tree` holds the ways out of it, None until
+    it is first active; `turned` is whether it has been tried the other way round, too.
     """
 
     goal: Goal
     key: int
-    turns: int = 0
+    rounds: int = 0
     activated: int = 0
     tree: WindingTree | None = None
     turned: bool = False
 
     def order(self) -> tuple[int, float]:
-        """Goals that had the fewest turns come first, of these the best ξ."""
-        return self.turns, -self.goal.objective
+        """Goals that had the fewest rounds come first, of these the best ξ."""
+        return self.rounds, -self.goal.objective
 
 
 class _Trees:
@@ -164,7 +166,7 @@ class _Trees:
         return None
 
     def _share(self) -> None:
-        """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
+        """Let goals that resist wait; activate those that had the fewest rounds, best ξ first."""
         iterations, settings = self.rrt.iterations, self._settings
         # Goals that resist are tried the longer way round, too.
         for candidate in list(self._active.values()):
@@ -179,9 +181,9 @@ class _Trees:
             for key, candidate in list(self._active.items()):
                 if iterations - candidate.activated >= tired:
                     self.rrt.retire_goal(key)
-                    candidate.turns += 1
+                    candidate.rounds += 1
                     self._waiting.append(self._active.pop(key))
-        # Fill the room with the best of those that had the fewest turns.
+        # Fill the room with the best of those that had the fewest rounds.
         room = settings.active_goals - len(self._active)
         if room <= 0 or not self._waiting:
             return

@@ -92,7 +92,7 @@ class WindingTree:
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
     ) -> Array | None:
         """(k, dof) a way further out than all before, after some more directions: few in the first
-        calls, as most goals can be left without, and k² in the k-th.
+        calls, as most goals can be left without, and k² in the k-th, up to 120.
 
         Args:
             should_stop: asked before every direction; True ends the call.

@@ -39,7 +39,8 @@ class Wanted:
 
 
 class GoalFinder:
-    """Checks s(x), c_f(x), ξ(x) > ξ_best, then hand, IK, q ∈ C_free, release, approach, retreat.
+    """Checks x ∈ V, s(x), c_f(x), rules, ξ(x) > ξ_best, what the tip's pose decides of hand,
+    release and approach, then IK, q ∈ C_free, release, approach, retreat.
 
     Args:
         holdings: per arm, per grasp.

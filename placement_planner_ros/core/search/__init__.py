@@ -1,6 +1,6 @@
 """The search over arms, grasps and cells of poses; it knows nothing of robots.
 
 `sampler` is SampleGoals as all samplers share it: `optimistic` (the default), `mcts` (over the
-`tree`) and `uniform`. They search the `hierarchy` of arms, grasps, faces, regions and angles, or
-its cells as rows of an array (`cell_layout`), without the branches that `pruning` has closed.
+`tree`) and `uniform`. They search the `hierarchy` of arms, grasps, faces, regions and angles;
+`optimistic` its cells, rows of an array (`cell_layout`), without those that `pruning` rules out.
 """

@@ -46,7 +46,7 @@ _TRIES = 2.0
 _TRIES_OF_PART = 4.0
 """Tries in one part of a cell, at most, that count in the whole."""
 TRY_SAMPLES = 50
-"""Samples whose checks take as long as a try that fails with all that may: 0.1 and 5 ms."""
+"""Samples whose checks take as long as a try that fails with all that may."""
 _PLACEMENT_SAMPLES = 2000
 """Samples whose checks take as long as what follows a goal: motion, OptimizeLocally, timing."""
 DEEPEST = 30

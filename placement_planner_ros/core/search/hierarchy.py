@@ -29,8 +29,9 @@ class HierarchySettings(Settings):
 
     Attributes:
         angle_intervals: l, intervals an angle range is split into.
-        min_area: regions of at most this area are not split.
-        min_angle: angle ranges of at most this length are not split.
+        min_area: regions of at most this area are not split; where something better was missed the
+            optimistic search goes on.
+        min_angle: angle ranges of at most this length are not split by `mcts` and in proofs.
     """
 
     angle_intervals: int = setting(4, "[2, inf)")

@@ -26,8 +26,8 @@ class MctsSettings(SamplerSettings):
 
     Attributes:
         batch: as in `SamplerSettings`. Each selection of a batch takes those before it for samples
-            without reward; 1 is the paper's algorithm to the letter, where no goal
-            ends a call early (`goals_per_call`).
+            without reward; 1 is the paper's algorithm to the letter, but for the level of
+            grasps and where no goal ends a call early (`goals_per_call`).
         exploration: c of UCB1.
         max_nodes: bound on the tree's size.
     """

@@ -62,7 +62,7 @@ _OWN = (
              "Folders from which files may be read that are named later, or in a description that "
              "came by topic, besides package_paths and the ament index.", startup=True),
     own_spec("cloud_topics", "string[]", [],
-             "Topics with clouds of the environment, besides points.", startup=True),
+             "Topics of clouds that each run needs; points is optional then.", startup=True),
     own_spec("sensor_frames", "string[]", [],
              "Frames that are a sensor's eye, besides optical frames of organised clouds: lines of "
              "sight begin at their origin. Their poses may be given as sensor_poses.<frame>.",
