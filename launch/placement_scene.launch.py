@@ -13,13 +13,19 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "scene",
                 default_value="cabinet_high_clutter",
-                choices=["cabinet_low_clutter", "cabinet_high_clutter", "table"],
+                choices=["cabinet_low_clutter", "cabinet_high_clutter", "table", "shelf"],
                 description="What stands before the robot.",
             ),
             DeclareLaunchArgument(
                 "object",
                 default_value="small_crayons_box",
-                choices=["large_crayons_box", "small_crayons_box", "wine_glass", "toy_table"],
+                choices=[
+                    "large_crayons_box",
+                    "small_crayons_box",
+                    "wine_glass",
+                    "toy_table",
+                    "book",
+                ],
                 description="What the fingers are closed around in the joint states.",
             ),
             DeclareLaunchArgument(

@@ -41,10 +41,10 @@ def _planner(context):
         for name in ("scene", "object", "clouds", "params_file")
     )
     config = Path(get_package_share_directory(PACKAGE)) / "config"
-    place = "table" if scene == "table" else "cabinet"
+    place = "cabinet" if scene.startswith("cabinet") else scene
     files = [config / f"{held}.yaml"]
-    if place == "table":
-        files.append(config / "table.yaml")
+    if place != "cabinet":
+        files.append(config / f"{place}.yaml")
     if clouds == "cameras":
         files.append(config / f"{place}_cameras.yaml")
     if more:

@@ -37,7 +37,7 @@ parameters:
            wine_glass, toy_table, book
   clouds   complete (default): the whole surface, on `points`, in the robot's frame;
            cameras: what two depth cameras see, on `camera_left/points` and `camera_right/points`,
-           in their frames, which config/cabinet_cameras.yaml and table_cameras.yaml give the node
+           in their frames, which config/cabinet_cameras.yaml, table_ and shelf_ give the node
   rate     clouds a second: 2.0 (default), up to 100
 
 It publishes `joint_states`, `robot_description` and `robot_description_semantic`, too.

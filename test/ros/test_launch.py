@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from placement_planner_ros.ros.tools.scene_publisher import FRAME
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
+from placement_planner_ros.scenes.objects import BUNDLED_OBJECTS
+from placement_planner_ros.scenes.scenes import BUNDLED_SCENES, CABINET_VOLUME, scene_by_name
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
@@ -106,13 +106,13 @@ def arguments(path, launch):
 
 def test_the_scene_offers_what_there_is(launch):
     found = arguments(ROOT / "launch" / "placement_scene.launch.py", launch)
-    assert set(found["scene"]["choices"]) == set(SCENE_NAMES)
-    assert set(found["object"]["choices"]) == set(OBJECT_NAMES)
+    assert set(found["scene"]["choices"]) == set(BUNDLED_SCENES)
+    assert set(found["object"]["choices"]) == set(BUNDLED_OBJECTS)
     # the node can be told of these alone
-    assert {f"{name}.yaml" for name in OBJECT_NAMES} <= {p.name for p in ROOT.glob("config/*.yaml")}
+    assert all((ROOT / "config" / f"{name}.yaml").is_file() for name in BUNDLED_OBJECTS)
 
 
-@pytest.mark.parametrize("scene", SCENE_NAMES)
+@pytest.mark.parametrize("scene", BUNDLED_SCENES)
 @pytest.mark.parametrize("clouds", ["complete", "cameras"])
 def test_the_node_is_told_of_the_scene_with_files_that_are_there(scene, clouds, launch):
     context = {"scene": scene, "object": "toy_table", "clouds": clouds, "params_file": ""}
@@ -122,7 +122,8 @@ def test_the_node_is_told_of_the_scene_with_files_that_are_there(scene, clouds, 
     for file in node.named["parameters"]:
         told |= yaml.safe_load(Path(file).read_text(encoding="utf-8"))["/**"]["ros__parameters"]
     assert "vertices" in told["object"]
-    assert ("target_volume" in told) == (scene == "table")
+    volume = told.get("target_volume", [*CABINET_VOLUME.boxes.ravel()])
+    assert volume == [*scene_by_name(scene).volume.boxes.ravel()]
     assert ("cloud_topics" in told) == (clouds == "cameras")
 
 
