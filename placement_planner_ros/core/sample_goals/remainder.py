@@ -22,7 +22,7 @@ from placement_planner_ros.core.types import Array
 _ROUNDS = 20
 """Rounds at most in one call in search of a cell that may hold a goal, some 0.1 s."""
 _PARTS_PER_SAMPLE = 0.04
-"""Parts that are judged for each sample that was tried, so that sampling goes on."""
+"""Parts that are judged for each sample after the first placement, so that sampling goes on."""
 
 
 class Cause(enum.StrEnum):
@@ -59,7 +59,7 @@ class Remainder:
         # by the bound of ξ, negative, then the latest, which is the deepest
         self._open: list[tuple[float, int, np.void]] = []
         self._found = False  # whether a leaf is known that may hold a goal
-        self._judged, self._least = 0, -np.inf
+        self._judged, self._least = 0.0, -np.inf
         self.rulings: set[Ruling] = set()
         cells = hierarchy.sets.cells
         self._add(cells, np.full(len(cells), np.inf))
@@ -89,12 +89,14 @@ class Remainder:
         Args:
             samples: tried so far.
         """
+        budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
+        # What was tried until something was found is not made up for, which would take seconds.
+        if self._least == -np.inf:
+            self._judged = budget
         # What cannot be above the new least is dropped.
         if least > self._least:
             self._least = least
-            self._open = [each for each in self._open if -each[0] > least]
-            heapq.heapify(self._open)
-        budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
+            self._open = sorted(each for each in self._open if -each[0] > least)  # a heap, too
         # Then the most promising cells are taken apart, within the budget.
         while self._open and self._judged < budget and len(self._open) < MAX_CELLS:
             cells, most = self._taken_apart()
