@@ -149,14 +149,13 @@ class WindingTree:
 
 def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
     """(3,) horizontally from the object to the arm's base."""
-    inwards = np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation)
-    inwards[2] = 0.0
-    return inwards
+    return np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation) * (1.0, 1.0, 0.0)
 
 
 def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
     """Configurations from `q` on, moving the object by `step` (3,) and turning it by `turn` (3, 3)
-    about its origin from one to the next, as far as that is free."""
+    about its origin to the first, twice as much to each further one until it moves as far as from
+    waypoint to waypoint, as far as that is free."""
     way, T = [q], holding.object_pose(q)
     # From pose to pose, as long as the arm follows and is free.
     for _ in range(steps):
@@ -165,4 +164,6 @@ def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: i
         if q_next is None or not holding.transit_free(way[-1], q_next):
             break
         way.append(q_next)
+        if np.linalg.norm(step) <= 0.5 * _WAYPOINT_STEP_M:
+            step, turn = 2.0 * step, turn @ turn
     return way

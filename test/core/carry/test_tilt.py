@@ -78,7 +78,6 @@ def test_a_limit_needs_a_direction():
     assert CarrySettings().tilt_limit(()) is None
     assert CarrySettings().tilt_limit((0.0, 0.0, 1.0)) is None
     limit = CarrySettings(max_tilt=0.2).tilt_limit((0.0, 0.0, 2.0))
-    assert limit is not None
     assert limit.tilt(pin.rpy.rpyToMatrix(0.1, 0.0, 3.0)) == pytest.approx(0.1)
     with pytest.raises(ParameterError, match=r"`max_tilt`.*needs `up`"):
         CarrySettings(max_tilt=0.2).tilt_limit(())

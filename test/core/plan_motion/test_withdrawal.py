@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.plan_motion.withdrawal import WindingTree
+from placement_planner_ros.core.plan_motion.withdrawal import WindingTree, _straight_run
 
 
 def in_slot(a, b):
@@ -37,3 +37,6 @@ def test_a_winding_way_leads_out_of_a_slot_of_millimetres():
     out = [np.linalg.norm(way[-1]) for way in ways]
     assert out == sorted(out), "further out than all before"
     assert out[-1] > 0.3
+    holding.transit_free = lambda *_: True
+    way = _straight_run(holding, np.zeros(3), np.array([0.001, 0.0, 0.0]), np.eye(3), 6)
+    np.testing.assert_allclose(np.diff(way, axis=0)[:, 0], 0.001 * np.array([1, 2, 4, 8, 16, 16]))
