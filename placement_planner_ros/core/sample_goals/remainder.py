@@ -90,9 +90,9 @@ class Remainder:
             samples: tried so far.
         """
         budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
-        # What was tried until something was found is not made up for, which would take seconds.
+        # What was tried until something was found is made up for once: all of it may take seconds.
         if self._least == -np.inf:
-            self._judged = budget
+            self._judged = max(budget - 1, 0)
         # What cannot be above the new least is dropped.
         if least > self._least:
             self._least = least

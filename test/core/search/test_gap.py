@@ -128,8 +128,8 @@ def test_the_gap_falls_and_is_never_less_than_what_can_be_had(small, name):
     assert gap[-1] < 0.8 * gap[0]
     assert name == "weighted" or gap[-1] < 0.05
     late = planner_of(small, name)._remainder
-    late.narrow(-1.0, 10**8)  # tried before the first placement: nothing is judged at once for them
-    assert late.gap(-1.0, 0.0) is None
+    late.narrow(-1.0, 10**8)  # tried before the first placement: little is judged at once for them
+    assert 0 < len(late._open) < 100
 
 
 def test_a_run_ends_where_nothing_can_be_better(small):
