@@ -90,7 +90,7 @@ class Remainder:
             samples: tried so far.
         """
         budget = _PARTS_PER_SAMPLE * samples if self._bounds.bounded else 0
-        # What was tried until something was found is made up for once: all of it may take seconds.
+        # For what was tried until something was found one round is enough: all may take seconds.
         if self._least == -np.inf:
             self._judged = max(budget - 1, 0)
         # What cannot be above the new least is dropped.
