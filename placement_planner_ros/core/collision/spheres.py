@@ -77,7 +77,7 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> tuple
     return _placed_rows(first, at, tuple(others), excess if body.joint >= 0 else 10 * excess)
 
 
-@weak_lru_cache("shape", maxsize=4)
+@weak_lru_cache("shape", maxsize=16)
 def _placed_rows(
     shape: Shape, at: bytes, others: tuple[tuple[Shape, bytes], ...], excess: float
 ) -> tuple[SolidRows, Array]:

@@ -166,22 +166,20 @@ class SeenSpace:
         rows = rows[self.state[tuple(cells[rows].T)] == UNSEEN]
         lower, upper = self.volume.boxes[:, 0], self.volume.boxes[:, 1] + [0.0, 0.0, CEILING_M]
         at = points[rows, None]
-        found: Mask = np.any(np.all((at >= lower) & (at <= upper), axis=2), axis=1)
-        for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
-            found |= _points_behind(points[rows], nearest, view.origin)
+        in_volume = np.any(np.all((at >= lower) & (at <= upper), axis=2), axis=1)
         result = np.zeros(len(points), np.bool_)
-        result[rows] = found
+        result[rows] = in_volume | self._hidden[tuple(cells[rows].T)]
         return result
 
     @cached_property
-    def _nearest_hiding(self) -> list[Array]:
-        """Of each view, `_nearest_of_bins` of the points that hide something."""
-        return [
-            _nearest_of_bins(
-                view.points if view.hides is None else view.points[view.hides], view.origin
-            )
-            for view in self.views
-        ]
+    def _hidden(self) -> Mask:
+        """(nx, ny, nz) unseen cells whose centres something measured hides from a sensor."""
+        hidden, size = np.zeros(self.shape, np.bool_), self.measured.cell_size
+        for view in self.views:
+            points = view.points if view.hides is None else view.points[view.hides]
+            points, sensor = (points - self.origin) / size, (view.origin - self.origin) / size
+            _mark_hidden(points, sensor, self.state, hidden)
+        return hidden
 
     @property
     def share_of_volume(self) -> float:
@@ -208,15 +206,7 @@ class SeenSpace:
         Returns:
             (k, 3) in lexicographic order.
         """
-        size = self.measured.cell_size
-        unknown = self._in_volume()
-        for view, nearest in zip(self.views, self._nearest_hiding, strict=True):
-            # plane by plane, which takes less room
-            for i, cells in enumerate(self.state):
-                rows = np.argwhere((cells == UNSEEN) & ~unknown[i])
-                at = np.column_stack([np.full(len(rows), i), rows])
-                behind = _points_behind(self.origin + (at + 0.5) * size, nearest, view.origin)
-                unknown[i][tuple(rows[behind].T)] = True
+        unknown = self._in_volume() | self._hidden
         if below_measured:
             highest = np.max(self.measured.cells[:, 2], initial=-1) + self._shift[2]
             unknown[:, :, max(int(highest) + 1, 0) :] = False
@@ -256,13 +246,12 @@ class SeenSpace:
         """Unset cells that are not wholly outside the robot."""
         size = self.measured.cell_size
         # blocks of cells near the robot, then those of their cells that are
-        blocks = np.indices([-(-n // _BLOCK) for n in self.shape]).reshape(3, -1).T
-        centers = self.origin + (blocks + 0.5) * _BLOCK * size
-        near = blocks[~outside_robot(centers, math.sqrt(0.75) * _BLOCK * size)]
-        within = np.indices((_BLOCK,) * 3).reshape(3, -1).T
-        cells = (near[:, None] * _BLOCK + within).reshape(-1, 3)
-        cells = cells[self._within(cells)]
-        cells = cells[unknown[tuple(cells.T)]]
+        blocks = [-(-n // _BLOCK) for n in self.shape]
+        centers = self.origin + (np.indices(blocks).reshape(3, -1).T + 0.5) * _BLOCK * size
+        near = ~outside_robot(centers, math.sqrt(0.75) * _BLOCK * size).reshape(blocks)
+        for axis, n in enumerate(self.shape):
+            near = near.repeat(_BLOCK, axis).take(range(n), axis)
+        cells = np.argwhere(unknown & near)
         centers = self.origin + (cells + 0.5) * size
         cells = cells[~outside_robot(centers, math.sqrt(0.75) * size)]
         unknown[tuple(cells.T)] = False
@@ -393,41 +382,44 @@ def _walk_cells(
 
 
 @njit(cache=True, nogil=True)
-def _direction_bins(ways: Array) -> Index:
-    """(n,) the bin of each direction (n, 3), on the cube's side that it leaves through."""
-    bins = np.empty(len(ways), np.int64)
-    for n in range(len(ways)):
-        x, y, z = ways[n]
-        # the side, the way along it and up to it
-        ax, ay, az = abs(x), abs(y), abs(z)
-        if ax >= ay and ax >= az:
-            side, u, v, w = (0 if x > 0.0 else 1), y, z, ax
-        elif ay >= az:
-            side, u, v, w = (2 if y > 0.0 else 3), x, z, ay
-        else:
-            side, u, v, w = (4 if z > 0.0 else 5), x, y, az
-        # where on that side
-        row = min(int((u / w + 1.0) * 0.5 * BINS), BINS - 1)
-        column = min(int((v / w + 1.0) * 0.5 * BINS), BINS - 1)
-        bins[n] = (side * BINS + row) * BINS + column
-    return bins
-
-
-def _nearest_of_bins(points: Array, sensor: Array) -> Array:
-    """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
-    ways = points - sensor
-    square = (ways * ways).sum(axis=1)
-    rows = np.flatnonzero(np.isfinite(square) & (square > 0.0))
+def _mark_hidden(points: Array, sensor: Array, state: Flags, hidden: Mask) -> None:
+    """Mark the unseen cells that are hidden from a sensor: their centres lie behind the nearest of
+    points (n, 3) in the bin of directions that they lie in. All in cells."""
+    # of each bin the square of the distance to its nearest point, inf without any
     nearest = np.full(6 * BINS * BINS, np.inf)
-    np.minimum.at(nearest, _direction_bins(ways[rows]), square[rows])
-    return nearest
+    for p in range(len(points)):
+        x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
+        square = x * x + y * y + z * z
+        # NaN was not measured, and a point at the sensor has no direction
+        if 0.0 < square < np.inf:
+            at = _direction_bin(x, y, z)
+            nearest[at] = min(nearest[at], square)
+    for i in range(state.shape[0]):
+        for j in range(state.shape[1]):
+            for k in range(state.shape[2]):
+                if state[i, j, k] == UNSEEN:
+                    x, y, z = i + 0.5 - sensor[0], j + 0.5 - sensor[1], k + 0.5 - sensor[2]
+                    square = x * x + y * y + z * z
+                    # a cell that the sensor is in the middle of has no direction, either
+                    if square > 0.0 and square > nearest[_direction_bin(x, y, z)]:
+                        hidden[i, j, k] = True
 
 
-def _points_behind(points: Array, nearest: Array, sensor: Array) -> Mask:
-    """(n,) which points (n, 3) lie behind something as seen by a sensor: behind the nearest point
-    in the bin of directions that they lie in."""
-    ways = points - sensor
-    return np.asarray((ways * ways).sum(axis=1) > nearest[_direction_bins(ways)])
+@njit(cache=True, nogil=True, pipeline_class=Uncounted)
+def _direction_bin(x: float, y: float, z: float) -> int:
+    """The bin of a direction, on the cube's side that it leaves through."""
+    # the side, the way along it and up to it
+    ax, ay, az = abs(x), abs(y), abs(z)
+    if ax >= ay and ax >= az:
+        side, u, v, w = (0 if x > 0.0 else 1), y, z, ax
+    elif ay >= az:
+        side, u, v, w = (2 if y > 0.0 else 3), x, z, ay
+    else:
+        side, u, v, w = (4 if z > 0.0 else 5), x, y, az
+    # where on that side
+    row = min(int((u / w + 1.0) * 0.5 * BINS), BINS - 1)
+    column = min(int((v / w + 1.0) * 0.5 * BINS), BINS - 1)
+    return (side * BINS + row) * BINS + column
 
 
 def _surface_cells(unknown: Mask, goes_on: Mask) -> Index32:
@@ -441,4 +433,6 @@ def _surface_cells(unknown: Mask, goes_on: Mask) -> Index32:
         # and at an end of the grid where no space goes on
         for end in range(2):
             inner[-end] &= not goes_on[axis, end]
-    return np.argwhere(unknown & ~enclosed).astype(np.int32)
+    # several times as quick as argwhere of three axes
+    rows = np.flatnonzero(unknown & ~enclosed)
+    return np.column_stack(np.unravel_index(rows, unknown.shape)).astype(np.int32)
