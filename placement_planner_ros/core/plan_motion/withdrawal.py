@@ -55,8 +55,8 @@ class WindingTree:
     """Free ways from branch[0] on that get the object further out than `branch` does.
 
     An RRT in the space of object poses: its nodes move in random directions, inwards rather than
-    outwards, turning or not, from the node that is furthest out or from the one nearest to a random
-    pose, so that it spreads to where it has not been.
+    outwards, turning or not, or much as they came, from the node that is furthest out or from the
+    one nearest to a random pose, so that it spreads to where it has not been.
 
     Args:
         branch: (m, dof) a free way from the goal on, which the tree begins with.
@@ -67,10 +67,13 @@ class WindingTree:
         self._nodes = list(branch)
         self._parents = list(range(-1, len(branch) - 1))
         inwards = _inward_direction(holding, holding.object_pose(branch[0]))
-        self._inwards = inwards / max(float(np.linalg.norm(inwards)), 1e-6)
+        inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
+        self._inwards = np.concatenate([inwards, np.zeros(3)])
         # How far what is furthest from the object's origin is from there.
         self._size = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
         self._places = [self._place(q) for q in branch]
+        # Which way each was come to: of unit length, and turns of what is furthest from the origin.
+        self._ways = [np.zeros(6) for _ in branch]
         # The end of the known way is the furthest out so far.
         self._best = len(branch) - 1
         self._out = self._distance(self._best)
@@ -113,24 +116,27 @@ class WindingTree:
                 aside = rng.random() * _SPREAD_M * rng.standard_normal(places.shape[1])
                 aim = places[rng.integers(len(places))] + aside
                 last = int(((places - aim) ** 2).sum(axis=1).argmin())
-            # A direction, inwards rather than outwards, and half of the time a turn; of all sizes,
-            # as pockets are left in steps of millimetres.
-            direction = rng.standard_normal(3) + self._inwards
-            size = _SMALLEST_STEP ** rng.random()
-            direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
-            turn = np.eye(3)
+            # A direction, inwards rather than outwards, and half of the time a turn.
+            along = rng.standard_normal(6) + self._inwards
             if rng.random() < 0.5:
-                # by which what is furthest from the origin moves as far as waypoints do
-                vector = size * _WAYPOINT_STEP_M / self._size * rng.standard_normal(3)
-                if self._holding.upright is not None:
-                    vector[:2] = 0.0  # about the vertical, which tilts nothing
-                turn = pin.exp3(vector)
+                along[3:] = 0.0
+            elif self._holding.upright is not None:
+                along[3:5] = 0.0  # about the vertical, which tilts nothing
+            # Half of the time much the way that the node was come to: in pockets it leads on.
+            if rng.random() < 0.5:
+                along = self._ways[last] + 0.5 * along
+            along[:3] /= max(float(np.linalg.norm(along[:3])), 1e-6)
+            # Steps of all sizes, as pockets are left in millimetres; by a turn what is furthest
+            # from the origin moves about as far.
+            size = _WAYPOINT_STEP_M * _SMALLEST_STEP ** rng.random()
+            direction, turn = size * along[:3], pin.exp3(size / self._size * along[3:])
             # Go on as far as that is free.
             for q in _straight_run(self._holding, nodes[last], direction, turn, run)[1:]:
                 self._parents.append(last)
                 last = len(nodes)
                 nodes.append(q)
                 self._places.append(self._place(q))
+                self._ways.append(along)
             # Whether it has come further out than all others.
             reached = self._distance(last)
             if reached > self._out:
