@@ -194,7 +194,7 @@ def test_a_field_over_any_volume_is_bounded(obstacles):
     wide = TargetVolume(np.array([-4.0, -4.0, -1.0]), np.array([4.0, 4.0, 3.0]))
     field = ClearanceField(obstacles, wide)
     assert field._table.values[0, :, :, 0].size <= 1.02 * MOST_PIXELS
-    points = np.random.default_rng(1).uniform((-0.3, -0.3, 0.012), (0.3, 0.25, 0.3), (400, 3))
+    points = np.random.default_rng(1).uniform((-0.3, -0.3, 0.012), (0.3, 0.25, 0.3), (200, 3))
     error = np.abs(field.distance(points) - exact(obstacles, points, volume=wide))
     assert np.median(error) < 0.5 * field._table.pixel
 
@@ -203,7 +203,7 @@ def test_values_around_several_boxes_are_those_of_the_definition(obstacles):
     low = np.array([[-0.3, -0.3, -0.05], [0.05, -0.05, 0.0]])
     high = np.array([[0.0, 0.1, 0.1], [0.3, 0.25, 0.3]])
     volume = TargetVolume(low, high)
-    points = np.random.default_rng(3).uniform((-0.3, -0.3, 0.015), (0.3, 0.25, 0.3), (200, 3))
+    points = np.random.default_rng(3).uniform((-0.3, -0.3, 0.015), (0.3, 0.25, 0.3), (80, 3))
     for beyond in (0.0, 0.1, 0.5):
         field = ClearanceField(obstacles, volume, beyond)
         error = np.abs(field.distance(points) - exact(obstacles, points, 0.5, volume, beyond))
