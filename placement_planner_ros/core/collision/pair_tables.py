@@ -40,16 +40,17 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
         # The joints between both, which have limits and turn.
         inner, outer = flat.bodies[a], flat.bodies[b]
-        joints = np.arange(inner.joint + 1, outer.joint + 1)
-        limits = np.column_stack([chain.lower[joints], chain.upper[joints]])
-        rigid = inner.rigid and outer.rigid and not chain.prismatic[joints].any()
-        # A joint that turns by less than a cell would be no axis of the table.
-        spans = np.diff(limits)
-        if len(joints) > 2 or not rigid or not ((spans >= at.CELL_RAD) & (spans < np.inf)).all():
+        joints = slice(inner.joint + 1, outer.joint + 1)
+        spans = chain.upper[joints] - chain.lower[joints]
+        if len(spans) > 2 or not (inner.rigid and outer.rigid) or chain.prismatic[joints].any():
             continue
+        # A joint that turns by less than a cell would be no axis of the table.
+        if not ((spans >= at.CELL_RAD) & (spans < np.inf)).all():
+            continue
+        limits = np.column_stack([chain.lower[joints], chain.upper[joints]])
         step(f"tabling links {inner.name} and {outer.name}")
-        shape = (*((spans / at.CELL_RAD).astype(np.int64) + 1).ravel().tolist(), 1)[:2]
-        lower[row, : len(joints)] = limits[:, 0]
+        shape = (*((spans / at.CELL_RAD).astype(np.int64) + 1).tolist(), 1)[:2]
+        lower[row, : len(spans)] = limits[:, 0]
         digests = map(digest_of_body, (a, b))
         key = digest_of(code_digest(__name__), clear, limits, chain.fixed[joints], *digests)
         make = partial(_cells_away, arrays, scratch, row, lower[row], clear, shape)

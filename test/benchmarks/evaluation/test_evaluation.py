@@ -172,12 +172,12 @@ def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
 
 
 def test_the_yardstick_is_better_than_random_and_says_what_may_be_left(monkeypatch):
-    monkeypatch.setattr("benchmarks.yardstick.exhaustive_search._STEP_M", 0.012)  # in less time
+    monkeypatch.setattr("benchmarks.yardstick.exhaustive_search._STEP_M", 0.016)  # in less time
     case = Case("table", "wine_glass", "minimize_clearance")
-    (record,) = measure_yardstick(YardstickJob(case, seconds=60.0, random_placements=30))
-    assert record["random_placements"] == 30
-    # the best is -0.078 without the finer grids
-    assert record["best"] > -0.075 > record["random"]
+    (record,) = measure_yardstick(YardstickJob(case, seconds=20.0, random_placements=15))
+    assert record["random_placements"] == 15
+    # after some 5 s; the best is -0.0746 without the finer grids
+    assert record["best"] > -0.0742 > record["random"]
     assert record["most"] >= record["best"]
     enough = record["best"] + 0.02 * (record["best"] - record["random"])
     assert record["complete"] == (record["most"] <= enough)
