@@ -40,7 +40,7 @@ def with_pair_tables(flat: FlatArm, chain: Chain, clear: float) -> FlatArm:
     for row, (a, b, *_) in enumerate(arrays.pairs.tolist()):
         # The joints between both, which have limits and turn.
         inner, outer = flat.bodies[a], flat.bodies[b]
-        joints = slice(inner.joint + 1, outer.joint + 1)
+        joints = slice(max(inner.joint, -1) + 1, outer.joint + 1)
         spans = chain.upper[joints] - chain.lower[joints]
         if len(spans) > 2 or not (inner.rigid and outer.rigid) or chain.prismatic[joints].any():
             continue

@@ -157,8 +157,8 @@ class SeenSpace:
     def unseen(self, points: Array) -> Mask:
         """(n,) which points (n, 3) lie where no sensor looked and something may be.
 
-        In V and up to `CEILING_M` above it, all that is unseen; further away from V, what something
-        measured hides; nothing beyond these cells.
+        In V and up to `CEILING_M` above it, all that is unseen; further away from V, cells whose
+        middle something measured hides; nothing beyond these cells.
         """
         # cells that no sensor looked into
         cells = np.floor((points - self.origin) / self.measured.cell_size).astype(np.int64)
