@@ -72,7 +72,8 @@ class WindingTree:
         # How far what is furthest from the object's origin is from there.
         self._size = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
         self._places = [self._place(q) for q in branch]
-        # Which way each was come to, of unit length, and its turn; zero where the branch was known.
+        # The direction, of unit length, and the turn by which each was come to; zeros for the
+        # branch, from which all directions are drawn anew.
         self._ways = [np.zeros(6) for _ in branch]
         # The end of the known way is the furthest out so far.
         self._best = len(branch) - 1
