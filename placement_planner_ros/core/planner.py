@@ -290,14 +290,19 @@ class PlacementPlanner:
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(poses, holdings, objective, settings.ik_seeds, rng_ik)
         # What is searched, and what can be proven of it.
+        frames, vertices = poses.contacts.frames, problem.body.vertices
+        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
             len(poses.contacts.references),
             poses.contacts.regions,
             settings.hierarchy,
             poses.contacts.ranges,
+            [0j if T is None else complex(*T.act(middle)[:2]) for T in frames],
         )
-        self.cause = _nothing_to_search(hierarchy)
+        self.cause: Cause | None = None if hierarchy.usable else Cause.NO_FACE
+        if not hierarchy.regions:
+            self.cause = Cause.NO_REGION
         step("making the bounds of the search")
         self._bounds = BranchBounds(poses, self.holdings.values(), hierarchy.sets, objective)
         self._remainder = Remainder(hierarchy, self._bounds)
@@ -472,9 +477,3 @@ class PlacementPlanner:
             if isinstance(of, TermedObjective):
                 found |= of.terms(goal.T_world_object)
         return tuple(found.items())
-
-
-def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:
-    if not hierarchy.regions:
-        return Cause.NO_REGION
-    return None if hierarchy.usable else Cause.NO_FACE

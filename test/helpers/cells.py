@@ -26,7 +26,7 @@ def cells_across(regions, faces, rng, count, sizes):
             [*(low - rng.choice([0.0, 0.1]) * rng.random(2)), rng.uniform(0.0, 2.0 * np.pi)]
         )
         cells.append((number * faces + rng.integers(faces), low, low + np.array([*size, turn])))
-    return PoseSets(regions, rows), np.array(cells, dtype=CELL)
+    return PoseSets(regions, rows, [0j] * faces), np.array(cells, dtype=CELL)
 
 
 def some_pose_stands(poses, sets, cells, times=40):

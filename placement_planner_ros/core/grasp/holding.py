@@ -27,7 +27,7 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import lacks_directions
 from placement_planner_ros.core.robot.arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, Contact, Index, Verdict
+from placement_planner_ros.core.types import Array, Contact, Index, Mask, Verdict
 
 _PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
@@ -199,6 +199,12 @@ class Holding:
         """The configuration (dof,) continuing from `q` that brings the object to that pose."""
         tracked = self._ik.track(self.tip_pose(T_world_object)[None], q)
         return None if tracked is None else np.asarray(tracked[-1])
+
+    def may_pass(self, T_world_object: Array) -> Mask:
+        """(n,) False where the hand, with the object at (n, 4, 4), certainly is not free by so much
+        that it can be left (`can_be_left`)."""
+        T_world_tip = T_world_object @ self._T_object_tip.homogeneous
+        return self.collision.hands_free(T_world_tip, self.tip_slack, self._left)
 
     def transit_free(self, a: Array, b: Array) -> bool:
         """Whether a whole straight joint motion is free and keeps the tilt, with what planning

@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
-from placement_planner_ros.core.plan_motion.withdrawal import WindingTree, straight_way
+from placement_planner_ros.core.plan_motion.withdrawal import WindingTree
 from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
@@ -196,7 +196,7 @@ class _Trees:
             # was forgotten.
             if self.rrt.add_goal(candidate.key, q) and settings.withdrawal:
                 if candidate.tree is None:
-                    candidate.tree = WindingTree(self._holding, straight_way(self._holding, q))
+                    candidate.tree = WindingTree(self._holding, q)
                 self.rrt.add_branch(candidate.key, candidate.tree.way)
         del self._waiting[:room]
 

@@ -11,16 +11,17 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.straight_down import UP
 from placement_planner_ros.core.motion.birrt import branch_of
 from placement_planner_ros.core.types import Array
 
 _WAYPOINT_STEP_M = 0.03
 """m, between the waypoints."""
 _DRAWN_OUT_M = 0.3
-"""m from the goal, where the object counts as drawn out; of a winding way half as much is tried in
+"""m from the goal, where the object counts as drawn out; of winding ways half as much is tried in
 one direction."""
-_TRIED_DIRECTIONS = 120
-"""Directions that a tree tries in one call, at most."""
+_MOST_DIRECTIONS = 22
+"""Directions that a tree tries at once, as often in one call, at most."""
 _SMALLEST_STEP = 0.03
 """Of the step between waypoints, the smallest of a winding way: a millimetre."""
 _SPREAD_SHARE = 0.3
@@ -29,55 +30,36 @@ _SPREAD_M = 0.1
 """Standard deviation of such a pose from that of a node, at most."""
 
 
-def straight_way(holding: Holding, q: Array) -> Array:
-    """(k, dof) the longest free straight way of the object, from `q` (dof,) on.
-
-    Tried are towards the arm's base, upwards, and against the hand's pointing direction.
-    """
-    T_world_object = holding.object_pose(q)
-    hand = holding.tip_pose(T_world_object)[:3, 2]
-    best, most = [q], round(_DRAWN_OUT_M / _WAYPOINT_STEP_M)
-    # The longest free way of the three.
-    for direction in (_inward_direction(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
-        length = float(np.linalg.norm(direction))
-        if length < 1e-6:
-            continue
-        step = direction * (_WAYPOINT_STEP_M / length)
-        way = _straight_run(holding, q, step, np.eye(3), most)
-        if len(way) > len(best):
-            best = way
-        if len(best) > most:
-            break
-    return np.array(best)
-
-
 class WindingTree:
-    """Free ways from branch[0] on that get the object further out than `branch` does.
+    """Free ways of the object out of a goal, straight ones first, then winding ones.
 
-    An RRT in the space of object poses: its nodes move in random directions, inwards rather than
-    outwards, turning or not, or much as they came, from the node that is furthest out or from the
-    one nearest to a random pose, so that it spreads to where it has not been.
+    Straight ones lead towards the arm's base, upwards, and against the hand's pointing direction.
+    Then it is an RRT in the space of object poses: its nodes move in random directions, inwards
+    rather than outwards, turning or not, or much as they came, from the node that is furthest out
+    or from the one nearest to a random pose, so that it spreads to where it has not been.
 
     Args:
-        branch: (m, dof) a free way from the goal on, which the tree begins with.
+        q: (dof,) the goal.
     """
 
-    def __init__(self, holding: Holding, branch: Array) -> None:
+    def __init__(self, holding: Holding, q: Array) -> None:
         self._holding = holding
-        self._nodes = list(branch)
-        self._parents = list(range(-1, len(branch) - 1))
-        inwards = _inward_direction(holding, holding.object_pose(branch[0]))
-        inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
-        self._inwards = np.concatenate([inwards, np.zeros(3)])
         # How far what is furthest from the object's origin is from there.
         self._size = float(np.linalg.norm(holding.held.body.vertices, axis=1).max())
-        self._places = [self._place(q) for q in branch]
+        self._nodes, self._parents = [q], [-1]
+        self._places = self._place(q)[None]
         # The direction, of unit length, and the turn by which each was come to; zeros for the
-        # branch, from which all directions are drawn anew.
-        self._ways = [np.zeros(6) for _ in branch]
-        # The end of the known way is the furthest out so far.
-        self._best = len(branch) - 1
-        self._out = self._distance(self._best)
+        # straight ways, from which all directions are drawn anew.
+        self._ways = np.zeros((1, 6))
+        # The node that is furthest out so far, and how far that is.
+        self._best, self._out = 0, 0.0
+        T = holding.object_pose(q)
+        inwards = (holding.chain.fixed[0, :3, 3] - T.translation) * (1.0, 1.0, 0.0)
+        self._inwards = np.append(inwards / max(float(np.linalg.norm(inwards)), 1e-6), np.zeros(3))
+        for way in (self._inwards[:3], UP, -holding.tip_pose(T)[:3, 2]):
+            if self._out < _DRAWN_OUT_M:
+                step, most = _WAYPOINT_STEP_M * way, _DRAWN_OUT_M + _WAYPOINT_STEP_M
+                self._go(0, step, np.eye(3), self._ways[0], most)
         self._begun, self._calls = self._out - _SMALLEST_STEP * _WAYPOINT_STEP_M, 0
 
     @property
@@ -96,81 +78,77 @@ class WindingTree:
         self, rng: np.random.Generator, should_stop: Callable[[], bool] = lambda: False
     ) -> Array | None:
         """(k, dof) a way further out than all before, after some more directions: few in the first
-        calls, as most goals can be left without, and k² in the k-th, up to 120.
+        calls, as most goals can be left without, and k times k in the k-th, up to a limit.
 
         Args:
-            should_stop: asked before every direction; True ends the call.
+            should_stop: asked every k directions; True ends the call.
 
         Returns:
             None where the object is out already, or no way further out is found.
         """
-        nodes, before = self._nodes, self._out
+        before = self._out
         self._calls += 1
-        run = round(0.5 * _DRAWN_OUT_M / _WAYPOINT_STEP_M)
-        places = np.array(self._places)
-        for _ in range(min(self._calls**2, _TRIED_DIRECTIONS)):
+        count = min(self._calls, _MOST_DIRECTIONS)
+        for _ in range(count):
             if not self.pace or should_stop():
                 break
-            # From the node that is furthest out, or from the one nearest to a place beside another.
-            last = self._best
-            if rng.random() < _SPREAD_SHARE:
-                aside = rng.random() * _SPREAD_M * rng.standard_normal(places.shape[1])
-                aim = places[rng.integers(len(places))] + aside
-                last = int(((places - aim) ** 2).sum(axis=1).argmin())
-            # A direction, inwards rather than outwards, and half of the time a turn.
-            along = rng.standard_normal(6) + self._inwards
-            if rng.random() < 0.5:
-                along[3:] = 0.0
-            elif self._holding.upright is not None:
-                along[3:5] = 0.0  # about the vertical, which tilts nothing
-            # Half of the time much the way that the node was come to: in pockets it leads on.
-            if rng.random() < 0.5:
-                along = self._ways[last] + 0.5 * along
-            along[:3] /= max(float(np.linalg.norm(along[:3])), 1e-6)
-            # Steps of all sizes, as pockets are left in millimetres; by a turn what is furthest
-            # from the origin moves about as far.
-            size = _WAYPOINT_STEP_M * _SMALLEST_STEP ** rng.random()
-            direction, turn = size * along[:3], pin.exp3(size / self._size * along[3:])
-            # Go on as far as that is free.
-            for q in _straight_run(self._holding, nodes[last], direction, turn, run)[1:]:
-                self._parents.append(last)
-                last = len(nodes)
-                nodes.append(q)
-                self._places.append(self._place(q))
-                self._ways.append(along)
-            # Whether it has come further out than all others.
-            reached = self._distance(last)
-            if reached > self._out:
-                self._best, self._out = last, reached
+            self._try(count, rng)
         return self.way if self._out > before else None
+
+    def _try(self, count: int, rng: np.random.Generator) -> None:
+        """Go on from nodes that there are in so many directions."""
+        # From the node that is furthest out, or from those nearest to a place beside another.
+        places, of_pose = self._places, self._places.shape[1]
+        aside = rng.random((count, 1)) * _SPREAD_M * rng.standard_normal((count, of_pose))
+        aims = places[rng.integers(len(places), size=count)] + aside
+        nearest = (0.5 * (places**2).sum(axis=1) - aims @ places.T).argmin(axis=1)
+        starts = np.where(rng.random(count) < _SPREAD_SHARE, nearest, self._best)
+        # Directions, inwards rather than outwards, and half of the time a turn.
+        along = rng.standard_normal((count, 6)) + self._inwards
+        along[rng.random(count) < 0.5, 3:] = 0.0
+        if self._holding.upright is not None:
+            along[:, 3:5] = 0.0  # about the vertical, which tilts nothing
+        # Half of the time much the way that the node was come to: in pockets it leads on.
+        on = rng.random(count) < 0.5
+        along[on] = self._ways[starts[on]] + 0.5 * along[on]
+        along[:, :3] /= np.maximum(np.linalg.norm(along[:, :3], axis=1, keepdims=True), 1e-6)
+        # Steps of all sizes, as pockets are left in millimetres; by a turn what is furthest from
+        # the origin moves about as far.
+        sizes = _WAYPOINT_STEP_M * _SMALLEST_STEP ** rng.random((count, 1))
+        steps = sizes * along[:, :3]
+        turns = np.array([pin.exp3(turn) for turn in sizes / self._size * along[:, 3:]])
+        # Where each first step leads to: most end where the hand or what it holds collides.
+        T = np.tile(np.eye(4), (count, 1, 1))
+        T[:, :3, :3] = turns @ places[starts, 3:].reshape(-1, 3, 3) / self._size
+        T[:, :3, 3] = places[starts, :3] + steps
+        for k in np.flatnonzero(self._holding.may_pass(T)).tolist():
+            self._go(int(starts[k]), steps[k], turns[k], along[k], 0.5 * _DRAWN_OUT_M)
+
+    def _go(self, start: int, step: Array, turn: Array, along: Array, length: float) -> None:
+        """Go on from a node as far as that is free, up to a length in metres: the object moves by
+        `step` (3,) and turns by `turn` (3, 3) about its origin to the first waypoint, twice as much
+        to each further one until it moves as far as from waypoint to waypoint."""
+        holding, last = self._holding, start
+        T = holding.object_pose(self._nodes[start])
+        for _ in range(round(length / _WAYPOINT_STEP_M)):
+            # As long as the hand may pass, the arm follows, and is free.
+            T, q = pin.SE3(turn @ T.rotation, T.translation + step), self._nodes[last]
+            q_next = holding.follow(T, q) if holding.may_pass(T.homogeneous[None]) else None
+            if q_next is None or not holding.transit_free(q, q_next):
+                break
+            self._parents.append(last)
+            last = len(self._nodes)
+            self._nodes.append(q_next)
+            self._places = np.vstack([self._places, self._place(q_next)])
+            self._ways = np.vstack([self._ways, along])
+            if np.linalg.norm(step) <= 0.5 * _WAYPOINT_STEP_M:
+                step, turn = 2.0 * step, turn @ turn
+        # Whether it has come further out than all others.
+        reached = float(np.linalg.norm((self._places[last] - self._places[0])[:3]))
+        if reached > self._out:
+            self._best, self._out = last, reached
 
     def _place(self, q: Array) -> Array:
         """(12,) m, where the object is at `q`: its origin, and its axes, as long as it is large."""
         T = self._holding.object_pose(q)
         return np.concatenate([T.translation, self._size * T.rotation.ravel()])
-
-    def _distance(self, node: int) -> float:
-        """Of the object's origin at a node from where it is at the goal, metres."""
-        return float(np.linalg.norm(self._places[node][:3] - self._places[0][:3]))
-
-
-def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
-    """(3,) horizontally from the object to the arm's base."""
-    return np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation) * (1.0, 1.0, 0.0)
-
-
-def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
-    """Configurations from `q` on, moving the object by `step` (3,) and turning it by `turn` (3, 3)
-    about its origin to the first, twice as much to each further one until it moves as far as from
-    waypoint to waypoint, as far as that is free."""
-    way, T = [q], holding.object_pose(q)
-    # From pose to pose, as long as the arm follows and is free.
-    for _ in range(steps):
-        T = pin.SE3(turn @ T.rotation, T.translation + step)
-        q_next = holding.follow(T, way[-1])
-        if q_next is None or not holding.transit_free(way[-1], q_next):
-            break
-        way.append(q_next)
-        if np.linalg.norm(step) <= 0.5 * _WAYPOINT_STEP_M:
-            step, turn = 2.0 * step, turn @ turn
-    return way

@@ -28,19 +28,25 @@ class PoseSets:
     Args:
         regions: R.
         rows: face, index of the region, and ends of the range of θ, of each.
+        middles: of each face x + iy, m, from the contact point to the object's middle at θ = 0.
 
     Attributes:
         face, region: (k,) indices.
         planes: (m, 3) z at x = y = 0, and slope, of each plane that there is.
         plane, z, slope: (k,) its number, and (k,) and (k, 2) the same of each set.
+        middle: (k,) of these, that of each set.
         low, high: (k, 3) corners of a box that holds all places.
     """
 
     def __init__(
-        self, regions: Sequence[Region], rows: Sequence[tuple[int, int, float, float]]
+        self,
+        regions: Sequence[Region],
+        rows: Sequence[tuple[int, int, float, float]],
+        middles: Sequence[complex],
     ) -> None:
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
         self.face, self.region = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)
+        self.middle = np.array(middles, np.complex128)[self.face]
         planes = np.array([(r.z, *r.slope) for r in regions]).reshape(-1, 3)[self.region]
         self.z, self.slope = planes[:, 0], planes[:, 1:]
         self.planes, of = np.unique(planes, axis=0, return_inverse=True)

@@ -4,7 +4,8 @@ What is best where clearance is minimised lies in pockets smaller than any cell 
 time to split, but their basins are larger. Each climber is a (1+1) evolution strategy with the
 one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken, makes
 random ones twice as long, and is repeated until it fails, as walls are oblique; four steps that
-fail make them half as long.
+fail make them half as long. Turns are about the object's middle, so that what is round stays in its
+gap.
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
 than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
@@ -36,7 +37,7 @@ _CLIMBER = np.dtype(
         ("value", np.float64),  # ξ there, -inf before the first step
         ("verdict", np.int64),  # FEASIBLE where that is usable, else what is lacking
         ("step", np.float64),  # m, standard deviation
-        ("way", np.float64, 3),  # the last step where that was taken, else 0
+        ("way", np.float64, 3),  # the last step of the middle where that was taken, else 0
     ]
 )
 
@@ -52,7 +53,7 @@ class Climbers:
     def __init__(self, sets: PoseSets, most: int, rng: np.random.Generator) -> None:
         self._sets, self._most, self._rng = sets, most, rng
         self._all, self._gone = np.empty(0, dtype=_CLIMBER), 0
-        self._next, self._least = self._all["place"], self._all["value"]
+        self._next, self._moves, self._least = (self._all[k] for k in ("place", "way", "value"))
 
     def propose(self, best: float) -> tuple[Index, Array, Array]:
         """The pose sets (n,), the places (n, 3) that the next steps lead to, and what ξ (n,) has to
@@ -64,7 +65,12 @@ class Climbers:
         steps = along * self._rng.normal(size=(len(own), 3)) * own["step"][:, None]
         steps /= (1.0, 1.0, _TURN_RADIUS_M)
         again = own["way"] * self._rng.uniform(0.5, 2.0, (len(own), 1))
-        places = own["place"] + np.where(np.any(again, axis=1, keepdims=True), again, steps)
+        self._moves = np.where(np.any(again, axis=1, keepdims=True), again, steps)
+        places = own["place"] + self._moves
+        # The contact point moves with turns about the object's middle.
+        before, after = np.exp(1j * np.array([own["place"][:, 2], places[:, 2]]))
+        shift = self._sets.middle[own["set"]] * (before - after)
+        places[:, :2] += np.column_stack([shift.real, shift.imag])
         # Thrown back at the ends of the pose set, but for a whole turn, which has none.
         low = self._sets.low[own["set"]]
         size = self._sets.high[own["set"]] - low
@@ -78,7 +84,7 @@ class Climbers:
         verdicts (n,), FEASIBLE where it is usable, of where they lead; who has arrived is gone."""
         own, up = self._all, (verdicts >= self._all["verdict"]) & (values > self._least)
         again = up & (verdicts == Verdict.FEASIBLE)
-        own["way"] = np.where(again[:, None], self._next - own["place"], 0.0)
+        own["way"] = np.where(again[:, None], self._moves, 0.0)
         own["place"][up], own["value"][up] = self._next[up], values[up]
         own["verdict"][up] = verdicts[up]
         own["step"] = np.minimum(own["step"] * np.where(up, 2.0, 0.5**0.25), _FIRST_STEP_M)

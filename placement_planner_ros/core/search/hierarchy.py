@@ -67,6 +67,8 @@ class AfrHierarchy:
         faces: number of placement faces |F|.
         regions: R.
         turns: in which θ a face may be placed on a region; in all unless given.
+        middles: x + iy, m, from the contact point of each to the middle of the object at θ = 0; 0
+            unless given.
 
     Attributes:
         sets: of each face, the regions that it may be placed on and the ranges of θ there.
@@ -83,6 +85,7 @@ class AfrHierarchy:
         regions: Sequence[Region],
         settings: HierarchySettings,
         turns: Callable[[int, Region], Ranges] | None = None,
+        middles: Sequence[complex] = (),
     ) -> None:
         self.grasps_per_arm = tuple(grasps_per_arm)
         self.faces = faces
@@ -95,7 +98,7 @@ class AfrHierarchy:
             for number, region in enumerate(self.regions)
             for ends in of(face, region)
         ]
-        self.sets = PoseSets(self.regions, rows)
+        self.sets = PoseSets(self.regions, rows, middles or [0j] * faces)
         self._rows = [np.flatnonzero(self.sets.face == face).tolist() for face in range(faces)]
         self.usable = tuple(face for face in range(faces) if self._rows[face] or not regions)
         self.root = AfrNode()

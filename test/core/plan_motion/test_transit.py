@@ -78,7 +78,7 @@ def test_where_the_shorter_way_round_is_shut_the_longer_one_is_taken():
 def test_a_goal_that_was_forgotten_begins_with_its_way_out_again():
     """More nodes than are kept of three goals that can be drawn out but not be reached."""
     arm = holding("left", free=lambda a, b: False)
-    arm.collision, arm.transit_free = arm, lambda a, b: True
+    arm.collision, arm.may_pass, arm.transit_free = arm, len, lambda a, b: True
     arm.follow = lambda T, _: T.translation[1:]
     arm.object_pose = lambda q: pin.SE3(np.eye(3), np.array([0.0, *q]))
     arm.tip_pose, arm.chain = (lambda T: np.eye(4)), SimpleNamespace(fixed=np.zeros((1, 4, 4)))
