@@ -289,16 +289,15 @@ class PlacementPlanner:
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(poses, holdings, objective, settings.ik_seeds, rng_ik)
-        # What is searched, and what can be proven of it.
-        frames, vertices = poses.contacts.frames, problem.body.vertices
-        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        # What is searched, and what can be proven of it; the middle is that of the object's box.
+        middle = np.quantile(problem.body.vertices, (0.0, 1.0), axis=0).mean(axis=0)
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
             len(poses.contacts.references),
             poses.contacts.regions,
             settings.hierarchy,
             poses.contacts.ranges,
-            [0j if T is None else complex(*T.act(middle)[:2]) for T in frames],
+            [0j if T is None else complex(*T.act(middle)[:2]) for T in poses.contacts.frames],
         )
         self.cause: Cause | None = None if hierarchy.usable else Cause.NO_FACE
         if not hierarchy.regions:

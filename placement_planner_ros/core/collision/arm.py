@@ -228,7 +228,8 @@ class ArmCollision:
     ) -> Mask:
         """(n,) False where it is certain that no configuration with the tip at (n, 4, 4) is free.
 
-        Hand and fingers against the obstacle set and the robot at rest.
+        Hand, fingers and, but for `contact`, the held object against the obstacle set and the robot
+        at rest.
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.

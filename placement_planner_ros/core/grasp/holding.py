@@ -201,8 +201,8 @@ class Holding:
         return None if tracked is None else np.asarray(tracked[-1])
 
     def may_pass(self, T_world_object: Array) -> Mask:
-        """(n,) False where the hand, with the object at (n, 4, 4), certainly is not free by so much
-        that it can be left (`can_be_left`)."""
+        """(n,) False where, with the object at (n, 4, 4), it or the hand certainly is not so free
+        that edges which begin there can be certified (`can_be_left`)."""
         T_world_tip = T_world_object @ self._T_object_tip.homogeneous
         return self.collision.hands_free(T_world_tip, self.tip_slack, self._left)
 

@@ -195,8 +195,7 @@ class _Trees:
             # Begin its tree with the furthest known way out, a straight one at first; anew where it
             # was forgotten.
             if self.rrt.add_goal(candidate.key, q) and settings.withdrawal:
-                if candidate.tree is None:
-                    candidate.tree = WindingTree(self._holding, q)
+                candidate.tree = candidate.tree or WindingTree(self._holding, q)
                 self.rrt.add_branch(candidate.key, candidate.tree.way)
         del self._waiting[:room]
 

@@ -18,10 +18,10 @@ from placement_planner_ros.core.types import Array
 _WAYPOINT_STEP_M = 0.03
 """m, between the waypoints."""
 _DRAWN_OUT_M = 0.3
-"""m from the goal, where the object counts as drawn out; of winding ways half as much is tried in
-one direction."""
+"""m from the goal, where the object counts as drawn out; straight ways go a waypoint further, since
+they may fall short by rounding, winding ones half as far in one direction."""
 _MOST_DIRECTIONS = 22
-"""Directions that a tree tries at once, as often in one call, at most."""
+"""Directions that a tree tries at once, and how many times in one call, at most."""
 _SMALLEST_STEP = 0.03
 """Of the step between waypoints, the smallest of a winding way: a millimetre."""
 _SPREAD_SHARE = 0.3
@@ -64,8 +64,8 @@ class WindingTree:
 
     @property
     def pace(self) -> float:
-        """m gained beyond the known way, and the smallest step, for each call and one more; 0 where
-        the object is out, or there are more nodes than are worth it."""
+        """m gained beyond the straight ways, and the smallest step, for each call and one more; 0
+        where the object is out, or there are more nodes than are worth it."""
         done = self._out >= _DRAWN_OUT_M or len(self._nodes) > 10_000
         return 0.0 if done else (self._out - self._begun) / (1 + self._calls)
 
@@ -81,7 +81,7 @@ class WindingTree:
         calls, as most goals can be left without, and k times k in the k-th, up to a limit.
 
         Args:
-            should_stop: asked every k directions; True ends the call.
+            should_stop: asked each time before directions are tried; True ends the call.
 
         Returns:
             None where the object is out already, or no way further out is found.
@@ -125,9 +125,9 @@ class WindingTree:
             self._go(int(starts[k]), steps[k], turns[k], along[k], 0.5 * _DRAWN_OUT_M)
 
     def _go(self, start: int, step: Array, turn: Array, along: Array, length: float) -> None:
-        """Go on from a node as far as that is free, up to a length in metres: the object moves by
-        `step` (3,) and turns by `turn` (3, 3) about its origin to the first waypoint, twice as much
-        to each further one until it moves as far as from waypoint to waypoint."""
+        """Go on from a node as far as that is free, for as many waypoints as a length in metres
+        has: the object moves by `step` (3,) and turns by `turn` (3, 3) about its origin to the
+        first one, twice as much to each further one until it moves as far as between others."""
         holding, last = self._holding, start
         T = holding.object_pose(self._nodes[start])
         for _ in range(round(length / _WAYPOINT_STEP_M)):

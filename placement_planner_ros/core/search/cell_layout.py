@@ -15,6 +15,8 @@ CELL = np.dtype([("set", np.int64), ("low", np.float64, 3), ("high", np.float64,
 """Pose set, and the ends of x, y and θ."""
 Cells = npt.NDArray[np.void]
 """(n,) of that, or with further fields."""
+Row = tuple[int, int, float, float]
+"""Face, index of the region, and ends of the range of θ, of a pose set."""
 MAX_CELLS = 30_000
 """Cells that a search remembers."""
 CELLS_AT_ONCE = 12
@@ -27,7 +29,7 @@ class PoseSets:
 
     Args:
         regions: R.
-        rows: face, index of the region, and ends of the range of θ, of each.
+        rows: what each is.
         middles: of each face x + iy, m, from the contact point to the object's middle at θ = 0.
 
     Attributes:
@@ -39,10 +41,7 @@ class PoseSets:
     """
 
     def __init__(
-        self,
-        regions: Sequence[Region],
-        rows: Sequence[tuple[int, int, float, float]],
-        middles: Sequence[complex],
+        self, regions: Sequence[Region], rows: Sequence[Row], middles: Sequence[complex]
     ) -> None:
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
         self.face, self.region = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)

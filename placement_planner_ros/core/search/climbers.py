@@ -5,7 +5,7 @@ time to split, but their basins are larger. Each climber is a (1+1) evolution st
 one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken, makes
 random ones twice as long, and is repeated until it fails, as walls are oblique; four steps that
 fail make them half as long. Turns are about the object's middle, so that what is round stays in its
-gap.
+gap (leaning ones do not turn).
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
 than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
@@ -37,7 +37,7 @@ _CLIMBER = np.dtype(
         ("value", np.float64),  # ξ there, -inf before the first step
         ("verdict", np.int64),  # FEASIBLE where that is usable, else what is lacking
         ("step", np.float64),  # m, standard deviation
-        ("way", np.float64, 3),  # the last step of the middle where that was taken, else 0
+        ("way", np.float64, 3),  # the last step as drawn where that was taken, else 0
     ]
 )
 
@@ -67,17 +67,22 @@ class Climbers:
         again = own["way"] * self._rng.uniform(0.5, 2.0, (len(own), 1))
         self._moves = np.where(np.any(again, axis=1, keepdims=True), again, steps)
         places = own["place"] + self._moves
-        # The contact point moves with turns about the object's middle.
+        # The contact point moves with turns, as far as there are such, about the object's middle.
+        places[:, 2] = self._within(places)[:, 2]
         before, after = np.exp(1j * np.array([own["place"][:, 2], places[:, 2]]))
         shift = self._sets.middle[own["set"]] * (before - after)
         places[:, :2] += np.column_stack([shift.real, shift.imag])
-        # Thrown back at the ends of the pose set, but for a whole turn, which has none.
-        low = self._sets.low[own["set"]]
-        size = self._sets.high[own["set"]] - low
-        places = (places - low) % np.where(size < (np.inf, np.inf, math.tau), 2.0 * size, size)
-        self._next = low + np.minimum(places, 2.0 * size - places)
+        self._next = self._within(places)
         self._least = np.where(own["verdict"] < Verdict.FEASIBLE, best, own["value"])
         return own["set"], self._next, self._least
+
+    def _within(self, places: Array) -> Array:
+        """Places (n, 3), thrown back at the ends of the pose sets, but for whole turns, which have
+        none."""
+        low = self._sets.low[self._all["set"]]
+        size = self._sets.high[self._all["set"]] - low
+        beyond = (places - low) % np.where(size < (np.inf, np.inf, math.tau), 2.0 * size, size)
+        return np.asarray(low + np.minimum(beyond, 2.0 * size - beyond))
 
     def learn(self, values: Array, verdicts: Index) -> None:
         """Take the steps proposed last that exceed what they had to, lacking no more, by ξ (n,) and

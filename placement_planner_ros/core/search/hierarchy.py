@@ -67,8 +67,8 @@ class AfrHierarchy:
         faces: number of placement faces |F|.
         regions: R.
         turns: in which θ a face may be placed on a region; in all unless given.
-        middles: x + iy, m, from the contact point of each to the middle of the object at θ = 0; 0
-            unless given.
+        middles: of each face x + iy, m, from the contact point to the middle of the box around the
+            object at θ = 0; 0 unless given.
 
     Attributes:
         sets: of each face, the regions that it may be placed on and the ranges of θ there.
