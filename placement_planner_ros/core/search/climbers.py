@@ -67,7 +67,8 @@ class Climbers:
         again = own["way"] * self._rng.uniform(0.5, 2.0, (len(own), 1))
         self._moves = np.where(np.any(again, axis=1, keepdims=True), again, steps)
         places = own["place"] + self._moves
-        # The contact point moves with turns, as far as there are such, about the object's middle.
+        # Turns, thrown back at the ends of their range, are about the middle: the contact point
+        # moves with them.
         places[:, 2] = self._within(places)[:, 2]
         before, after = np.exp(1j * np.array([own["place"][:, 2], places[:, 2]]))
         shift = self._sets.middle[own["set"]] * (before - after)

@@ -71,7 +71,6 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
     standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
     planner = PlacementPlanner(standing, objective, PlannerSettings(), np.random.default_rng(0))
     reach = planner._bounds._reach  # at heights where nothing else is known
-    assert len(cells) == 600
     sets = PoseSets(regions, [(k, k, 0.0, 1.0) for k in range(600)], [0j] * 600)
     assert not reach.out_of_reach(PlacedCells(sets, np.array(cells, CELL))).any()
     # A metre further out there is nothing but the bound to tell.
