@@ -203,18 +203,9 @@ class GoalFinder:
             motion = holding.placing_motion(q, wanted.x, wanted.contact, self._poses)
             if not isinstance(motion, Verdict):
                 feature, height, slope = wanted.contact
-                return Goal(
-                    holding.arm.name,
-                    holding.grasp,
-                    feature,
-                    wanted.x,
-                    height,
-                    motion.approach,
-                    wanted.value,
-                    motion.retreat,
-                    slope,
-                    motion.opening,
-                )
+                place = holding.arm.name, holding.grasp, feature, wanted.x, height
+                way = motion.approach, wanted.value, motion.retreat, slope, motion.opening
+                return Goal(*place, *way)
             furthest = max(furthest, motion)
             # Only those whose approach was tried count.
             attempts += motion > Verdict.NO_RELEASE

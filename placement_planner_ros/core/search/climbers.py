@@ -5,7 +5,8 @@ time to split, but their basins are larger. Each climber is a (1+1) evolution st
 one-fifth success rule, within its pose set: a step to a usable pose with larger ξ is taken, makes
 random ones twice as long, and is repeated until it fails, as walls are oblique; four steps that
 fail make them half as long. Turns are about the object's middle, so that what is round stays in its
-gap (leaning ones do not turn).
+gap (leaning ones do not turn). Each counts its own tries to reach poses that failed, so that those
+who crowd where no arm gets leave tries to others.
 
 Where hands hardly fit such pockets are islands. *Blocked* climbers begin at poses that are better
 than ξ_best, but where a hand, its release or its approach is lacking; they wander among such poses,
@@ -20,7 +21,7 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import Cells, PoseSets
-from placement_planner_ros.core.types import Array, Index, Verdict
+from placement_planner_ros.core.types import Array, Index, Mask, Verdict
 
 _FIRST_STEP_M = 0.02
 """Standard deviation of each coordinate in the first steps, and in the longest."""
@@ -35,6 +36,7 @@ _CLIMBER = np.dtype(
         ("set", np.int64),
         ("place", np.float64, 3),  # x, y and θ
         ("value", np.float64),  # ξ there, -inf before the first step
+        ("failed", np.float64),  # tries to reach poses that its steps led to
         ("verdict", np.int64),  # FEASIBLE where that is usable, else what is lacking
         ("step", np.float64),  # m, standard deviation
         ("way", np.float64, 3),  # the last step as drawn where that was taken, else 0
@@ -55,9 +57,10 @@ class Climbers:
         self._all, self._gone = np.empty(0, dtype=_CLIMBER), 0
         self._next, self._moves, self._least = (self._all[k] for k in ("place", "way", "value"))
 
-    def propose(self, best: float) -> tuple[Index, Array, Array]:
-        """The pose sets (n,), the places (n, 3) that the next steps lead to, and what ξ (n,) has to
-        exceed there: that of where the climbers are, or `best` of those that are blocked."""
+    def propose(self, best: float) -> tuple[Index, Array, Array, Array]:
+        """The pose sets (n,), the places (n, 3) that the next steps lead to, what ξ (n,) has to
+        exceed there: that of where the climbers are, or `best` of those that are blocked; and how
+        many tries (n,) of each have failed."""
         own = self._all
         # Along one of x, y and θ as often as along all three.
         along = np.eye(3)[self._rng.integers(3, size=len(own))]
@@ -75,7 +78,7 @@ class Climbers:
         places[:, :2] += np.column_stack([shift.real, shift.imag])
         self._next = self._within(places)
         self._least = np.where(own["verdict"] < Verdict.FEASIBLE, best, own["value"])
-        return own["set"], self._next, self._least
+        return own["set"], self._next, self._least, own["failed"]
 
     def _within(self, places: Array) -> Array:
         """Places (n, 3), thrown back at the ends of the pose sets, but for whole turns, which have
@@ -85,11 +88,13 @@ class Climbers:
         beyond = (places - low) % np.where(size < (np.inf, np.inf, math.tau), 2.0 * size, size)
         return np.asarray(low + np.minimum(beyond, 2.0 * size - beyond))
 
-    def learn(self, values: Array, verdicts: Index) -> None:
+    def learn(self, values: Array, verdicts: Index, failed: Mask) -> None:
         """Take the steps proposed last that exceed what they had to, lacking no more, by ξ (n,) and
-        verdicts (n,), FEASIBLE where it is usable, of where they lead; who has arrived is gone."""
+        verdicts (n,), FEASIBLE where it is usable, of where they lead, and count the tries there
+        that failed (n,); who has arrived is gone."""
         own, up = self._all, (verdicts >= self._all["verdict"]) & (values > self._least)
         again = up & (verdicts == Verdict.FEASIBLE)
+        own["failed"] += failed
         own["way"] = np.where(again[:, None], self._moves, 0.0)
         own["place"][up], own["value"][up] = self._next[up], values[up]
         own["verdict"][up] = verdicts[up]

@@ -34,6 +34,7 @@ GRADED_CELL = np.dtype(
         ("kind", np.int64),  # of its sample
         ("value", np.float64),  # ξ of that, or of the cell above where it is not known
         ("scale", np.int64),  # the depth that ξ is of; -1 where it is the mean of all
+        ("failed", np.float64),  # tries of the climber whose step leads there
         ("lack", np.float64),  # by how much the sample broke a rule
     ]
 )
@@ -160,8 +161,9 @@ class ImprovementModel:
 
     def promise_of_tries(self, cells: Cells, values: Array, best: float) -> Array:
         """(n,) what a try to reach a pose with that ξ in each cell, before its sample, is expected
-        to add to ξ_best, for what it takes; inf where nothing was found."""
-        chances = self.chances(cells)
+        to add to ξ_best, for what it takes; inf where nothing was found. A climber's tries that
+        failed count beside what its cell says."""
+        chances = self.chances(cells) * _TRIES / (_TRIES + cells["failed"])
         return (values - best) * chances / (TRY_SAMPLES + _PLACEMENT_SAMPLES * chances)
 
     def _gain(self, cells: Cells, depths: Index, best: float) -> tuple[Array, Array]:

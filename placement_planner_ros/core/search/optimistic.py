@@ -134,10 +134,10 @@ class OptimisticSampler(BatchSampler):
         within = parts["low"] + self._rng.random((len(parts), 3)) * (parts["high"] - parts["low"])
         coarse, drawn = self._even(count, best)
         # And the next step of each climber.
-        sets, steps, above = self._climbers.propose(best)
-        self._drawn = np.concatenate(
-            [parts, coarse, self._as_nodes(self._coarse_cells(sets, steps))]
-        )
+        sets, steps, above, failed = self._climbers.propose(best)
+        climbing = self._as_nodes(self._coarse_cells(sets, steps))
+        climbing["failed"] = failed
+        self._drawn = np.concatenate([parts, coarse, climbing])
         self._places = np.concatenate([within, drawn, steps])
         self._evenly = slice(len(parts), len(parts) + len(coarse))
         least = np.concatenate([np.full(self._evenly.stop, np.nan), above])
@@ -155,8 +155,9 @@ class OptimisticSampler(BatchSampler):
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was."""
         cells, verdicts = self._drawn, outcome.verdicts
-        # A try that fails makes others nearby promise less.
-        for row in np.flatnonzero(outcome.usable & (verdicts > Verdict.NOT_BETTER)).tolist():
+        # A try that fails makes others nearby promise less, and most of all those of its climber.
+        tried = outcome.usable & (verdicts > Verdict.NOT_BETTER)
+        for row in np.flatnonzero(tried).tolist():
             self._model.count_try(cells[row], 1.0, 0.0)
             if verdicts[row] == Verdict.FEASIBLE:
                 self._waiting.append((float(outcome.values[row]), cells[row].copy()))
@@ -164,7 +165,8 @@ class OptimisticSampler(BatchSampler):
         # are better but lack more than an arm that is long enough.
         end, values, usable = self._evenly.stop, outcome.values, outcome.usable
         so_far = np.where(usable, Verdict.FEASIBLE, verdicts)
-        self._climbers.learn(values[end:], so_far[end:])
+        failed = tried & (verdicts < Verdict.FEASIBLE)
+        self._climbers.learn(values[end:], so_far[end:], failed[end:])
         if best > -np.inf:
             begins = (so_far > Verdict.NO_IK) & ~usable
             begins[self._evenly] |= usable[self._evenly]
