@@ -101,7 +101,7 @@ class GoalFinder:
         better = asked[values[asked] > best]
         blocked = better[~usable[better]]
         verdicts[blocked] = firsts[blocked].max(axis=1)
-        outcome = Outcome(verdicts, values, usable, [])
+        outcome = Outcome(verdicts, values, usable, np.zeros_like(usable), [])
         for row in order(better[usable[better]], outcome, best):
             if should_stop():
                 break
@@ -110,6 +110,7 @@ class GoalFinder:
                 if values[row] <= best:
                     continue
             wanted = Wanted(_contact_of(draws, row), pin.SE3(T[row]), float(values[row]))
+            outcome.tried[row] = True
             reached = self._reach_any(firsts[row], wanted, best, should_stop)
             if isinstance(reached, Verdict):
                 verdicts[row] = reached

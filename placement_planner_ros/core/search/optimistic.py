@@ -154,9 +154,8 @@ class OptimisticSampler(BatchSampler):
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """File the cells by what their sample was."""
-        cells, verdicts = self._drawn, outcome.verdicts
+        cells, verdicts, tried = self._drawn, outcome.verdicts, outcome.tried
         # A try that fails makes others nearby promise less, and most of all those of its climber.
-        tried = outcome.usable & (verdicts > Verdict.NOT_BETTER)
         for row in np.flatnonzero(tried).tolist():
             self._model.count_try(cells[row], 1.0, 0.0)
             if verdicts[row] == Verdict.FEASIBLE:

@@ -58,12 +58,14 @@ class Outcome:
             else -inf.
         usable: (n,) which of those that are of use (`Draws.least`) are free of collision, some arm
             that may be used being long enough and its hand free.
+        tried: (n,) which of these some arm was asked to reach.
         goals: those found, in the order of the tries.
     """
 
     verdicts: Index
     values: Array
     usable: Mask
+    tried: Mask
     goals: list[Goal]
 
 

@@ -57,7 +57,8 @@ class Checker:
         found = [judge(*one) for one in zip(draws.arm, draws.contact, draws.angle, strict=True)]
         verdicts = np.array([verdict_of(*one, best) for one in found])
         values = np.array([v for _, v in found])
-        return Outcome(verdicts, values, verdicts >= Verdict.NOT_BETTER, [])
+        free, tried = verdicts >= Verdict.NOT_BETTER, verdicts > Verdict.NOT_BETTER
+        return Outcome(verdicts, values, free, tried, [])
 
 
 class Letter:
