@@ -62,6 +62,11 @@ class Page:
         """The solution that is looked at."""
         return None if self.shown is None else self.shown.solution
 
+    @property
+    def _duration(self) -> float:
+        """Of the motion that can be played, s; 0 while there is none."""
+        return 0.0 if self._playback is None else self._playback.duration
+
     def refresh(self) -> float:
         """Show what is new; seconds until that is due again.
 
@@ -78,8 +83,7 @@ class Page:
             return UNWATCHED
         self._choose()
         # which solution is looked at, and how far its motion has been played
-        duration = self._playback.duration if self._playback is not None else 0.0
-        self._panel.advance(passed, duration)
+        self._panel.advance(passed, self._duration)
         self._move()
         # what stands around, and what is said of it
         self._look()
@@ -122,6 +126,7 @@ class Page:
         if chosen is not self.shown and self._panel.playing and chosen is not None:
             return  # what plays is played to its end
         known = (Itself(chosen), Itself(self._world.robot), self._listener.parameters.count)
+        another, before = chosen is not self.shown, self._duration
         self.shown = chosen
         if not self._is_new("shown", known):
             return
@@ -130,7 +135,9 @@ class Page:
         if chosen is not None:
             with self._told("motion of the placement"):
                 self._playback = self._playback_of(chosen)
-        self._panel.rewind(self._playback.duration if self._playback is not None else 0.0)
+        # what plays goes on where only parameters have come
+        if another or self._duration != before:
+            self._panel.rewind(self._duration)
 
     def _playback_of(self, improvement: Improvement) -> Playback | None:
         solution, tip = improvement.solution, self._world.tip(improvement.solution.arm)

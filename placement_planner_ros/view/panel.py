@@ -68,8 +68,9 @@ class Panel:
         return {name for name, box in self._boxes.items() if box.value}
 
     def rewind(self, duration: float) -> None:
-        """Another motion: of so many seconds, 0 where there is none."""
-        self.playing, self.time, self._toggled = False, 0.0, False
+        """Another motion: of so many seconds, 0 where there is none; a click that came meanwhile
+        plays it."""
+        self.playing, self.time = False, 0.0
         self._slider.value = 0.0
         self._slider.max = max(round(duration, 2), 0.01)
         self._slider.disabled = self._play.disabled = duration <= 0.0
