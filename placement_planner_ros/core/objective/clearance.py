@@ -29,46 +29,48 @@ class Clearance:
         self._inclines = context.environment.inclines
         self._standing = SupportingFaces(context) if context.body.faces else None
         self._points = context.body.volume_points
-        self._some_points = thinned_points(self._points)
+        self._some_points = thinned_points(self._points, 300)
+        self._few_points = thinned_points(self._points, 40)
         self._sign = sign
         self._envelopes: dict[tuple[int, float], ClearanceField] = {}
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """±C(x), metres."""
-        values, _ = self._clearance(T_world_object.homogeneous[None], self._points)
-        return self._sign * float(values[0])
+        return float(self.values(T_world_object.homogeneous[None])[0])
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) ±C of the (n, 4, 4) poses, metres."""
-        values, _ = self._clearance(T_world_object, self._points)
-        return self._sign * values
+        return self._sign * self._clearance(T_world_object, self._points)[0]
 
     def estimates(self, T_world_object: Array) -> Array:
         """(n,) ±C over a few hundred of B_o, metres."""
-        values, _ = self._clearance(T_world_object, self._some_points)
-        return self._sign * values
+        return self._sign * self._clearance(T_world_object, self._some_points)[0]
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """±∂C/∂(x, y, e_z)."""
         T = T_world_object.homogeneous[None]
-        _, gradients = self._clearance(T, self._points, slopes=True)
-        return np.asarray(self._sign * gradients[0])
+        return np.asarray(self._sign * self._clearance(T, self._points, slopes=True)[1][0])
 
     def most_around(self, ranges: PoseRanges, rough: bool = False) -> Array:
         """(n,) what ±C does not exceed at any pose of each range, metres."""
-        return self._most(ranges, self._sign, self._some_points if rough else self._points)
+        return self._most(ranges, self._sign, rough)
 
     def around(self, ranges: PoseRanges, rough: bool = False) -> tuple[Array, Array]:
         """(n,) what C is not below and (n,) not above at any pose of each range, metres."""
-        points = self._some_points if rough else self._points
-        return -self._most(ranges, -1.0, points), self._most(ranges, 1.0, points)
+        return -self._most(ranges, -1.0, rough), self._most(ranges, 1.0, rough)
 
-    def _most(self, ranges: PoseRanges, sign: float, points: Array) -> Array:
+    def _most(self, ranges: PoseRanges, sign: float, rough: bool) -> Array:
         """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
         mean changes by no more than its points move."""
         # What it is at the middle of each range, and how far points move from there.
-        values, _ = self._clearance(ranges.T, points, sign=sign)
-        moved = ranges.shift + ranges.chord * self._radii(ranges)
+        radii = self._radii(ranges)
+        moved = ranges.shift + ranges.chord * radii
+        values = np.empty(len(moved))
+        # Where all points move by more than a few are off, these tell as much.
+        far = rough & (moved > 0.2 * radii)
+        near = self._some_points if rough else self._points
+        for rows, points in (far, self._few_points), (~far, near):
+            values[rows] = self._clearance(ranges.T[rows], points, sign=sign)[0]
         most = sign * values + most_change(moved, max(field.pixel for field in self._fields))
         return np.minimum(most, CAP if sign > 0.0 else 0.0)
 
@@ -116,9 +118,9 @@ class Clearance:
         return values, gradients
 
 
-def thinned_points(points: Array) -> Array:
-    """Some of the (n, 3) voxel centres, spread evenly, about 300 or more if there are."""
+def thinned_points(points: Array, number: int) -> Array:
+    """Some of the (n, 3) voxel centres, spread evenly, so many or up to twice that if there are."""
     # Keep a share by a sum of the grid indices whose factors spread them along all three axes.
-    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= 300 * s), 1)
+    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= number * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
     return np.asarray(points[(index[0] + 27 * index[1] + 23 * index[2]) % share == 0])

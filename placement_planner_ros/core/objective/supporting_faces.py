@@ -61,5 +61,6 @@ class SupportingFaces:
             return SupportingFace(face, np.zeros(len(face), np.int64))
         # The pair of slope and face whose normals are most opposed.
         off = self._up @ (T_world_object[:, :3, :3] @ self._down)  # (n, slopes, faces)
-        slope, face = np.divmod(off.reshape(len(off), -1).argmin(axis=1), off.shape[2])
+        pairs = off.reshape(len(off), off.shape[1] * off.shape[2])
+        slope, face = np.divmod(pairs.argmin(axis=1), off.shape[2])
         return SupportingFace(face, slope)
