@@ -84,7 +84,8 @@ def _signed_distances(
                 away = _squared_from_triangle(mesh.corners[3 * t : 3 * t + 3], point, spot)
                 if away < best:
                     best = away
-                    nearest[i] = spot
+                    for m in range(3):
+                        nearest[i, m] = spot[m]
         found[i] = np.sqrt(best) if best < cap * cap else np.inf
         if winding_number(mesh, 0, point[0], point[1], point[2]) > 0:
             found[i] = -found[i]

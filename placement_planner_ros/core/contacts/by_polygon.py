@@ -177,12 +177,12 @@ def _firm_support(
         (n,) m across the hull, where it is narrowest; 0 where the object does not stay. (n, 3) the
         plane of what carries: how far above the foot, and by how much it rises along the axes.
     """
-    widths, planes, plane = np.zeros(len(gaps)), np.zeros((len(gaps), 3)), np.zeros(3)
+    widths, planes = np.zeros(len(gaps)), np.zeros((len(gaps), 3))
     hull = np.empty(2 * len(points) + 2, np.int64)
     carries = np.empty(len(points), np.bool_)
     # Which points carry the object, if their plane does not lean too much.
     for n in range(len(gaps)):
-        if not _carrying_points(points, gaps[n], noise[n], carries, plane):
+        if not _carrying_points(points, gaps[n], noise[n], carries, planes[n]):
             continue
         corners = _convex_hull(points, carries, hull)
         if corners < 3:
@@ -209,7 +209,7 @@ def _firm_support(
                 firm = False
                 break
         if firm:
-            widths[n], planes[n] = _narrowest_width(points, hull[:corners]), plane
+            widths[n] = _narrowest_width(points, hull[:corners])
     return widths, planes
 
 

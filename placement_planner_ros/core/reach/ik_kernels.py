@@ -149,7 +149,7 @@ def solve_normal(scratch: IKScratch, damping: float) -> None:
     """y := (J Jᵀ + damping I)⁻¹ y by Cholesky, J without the joints that are not free."""
     J, L, y, free = scratch.J, scratch.L, scratch.y, scratch.free
     # L of L Lᵀ = J Jᵀ + damping I
-    for a in range(6):
+    for a in range(len(y)):
         for b in range(a + 1):
             s = damping if a == b else 0.0
             for i in range(len(free)):
@@ -159,13 +159,13 @@ def solve_normal(scratch: IKScratch, damping: float) -> None:
                 s -= L[a, k] * L[b, k]
             L[a, b] = math.sqrt(s) if a == b else s / L[b, b]
     # forwards: L z = y
-    for a in range(6):
+    for a in range(len(y)):
         for k in range(a):
             y[a] -= L[a, k] * y[k]
         y[a] /= L[a, a]
     # backwards: Lᵀ x = z
-    for a in range(5, -1, -1):
-        for k in range(a + 1, 6):
+    for a in range(len(y) - 1, -1, -1):
+        for k in range(a + 1, len(y)):
             y[a] -= L[k, a] * y[k]
         y[a] /= L[a, a]
 
@@ -264,22 +264,20 @@ def solve_target(
     arm: IKArm, target: Array, seeds: Array, solutions: Array, scratch: IKScratch
 ) -> int:
     """Fill solutions (k, n) of a target (4, 4) from seeds (s, n), distinct ones; how many."""
-    dof = len(arm.lower)
-    q = np.empty(dof)
     count = 0
     for s in range(len(seeds)):
         # Every seed, until the solutions are as many as there is room for.
         if count == len(solutions):
             break
         # From the seed, brought within limits, to the target.
-        for i in range(dof):
+        q = solutions[count]
+        for i in range(len(q)):
             q[i] = min(max(seeds[s, i], arm.lower[i]), arm.upper[i])
         follow_in_place(arm.ties, q)
         if not descend_to_target(arm, target, q, arm.max_iterations, scratch):
             continue
         # Kept unless a solution that is the same but for full turns is there.
         if not is_among(q, solutions[:count], arm.prismatic, arm.min_difference):
-            solutions[count] = q
             count += 1
     return count
 
@@ -303,13 +301,12 @@ def track_targets(arm: IKArm, targets: Array, q0: Array, path: Array, scratch: I
         # On to the next target, from the configuration before.
         if not descend_to_target(arm, targets[n], q, int(STALL_ITERATIONS), scratch):
             return False
-        path[n] = q
         # No joint may have moved too far; half-way in the joints.
         for i in range(dof):
             if abs(q[i] - previous[i]) > arm.max_joint_step:
                 return False
             between[i] = 0.5 * (q[i] + previous[i])
-            previous[i] = q[i]
+            path[n, i] = previous[i] = q[i]
         if n == 0:
             continue
         # Where the tip is in the middle of both, the ways to them are opposite.

@@ -124,8 +124,8 @@ def _walk_self_motion(
         ):
             break
         # Keep it, and try twice as long a step next.
-        found[count] = q
-        last[:] = q
+        for i in range(dof):
+            found[count, i] = last[i] = q[i]
         count += 1
         share = min(1.0, 2.0 * share)
         # The old tangent, projected, goes on in the same direction.

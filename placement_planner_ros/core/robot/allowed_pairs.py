@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from html import escape
 from itertools import combinations
 from typing import TYPE_CHECKING, Literal
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio as pin
@@ -45,8 +45,8 @@ def sorted_pair(a: str, b: str) -> Pair:
 
 def srdf_line(links: Pair, reason: str = "User") -> str:
     """The line of an SRDF that has a pair left out."""
-    first, second = (quoteattr(link) for link in links)
-    return f"<disable_collisions link1={first} link2={second} reason={quoteattr(reason)}/>"
+    first, second = (escape(link) for link in links)
+    return f'<disable_collisions link1="{first}" link2="{second}" reason="{escape(reason)}"/>'
 
 
 def read_srdf(

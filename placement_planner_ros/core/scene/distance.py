@@ -154,17 +154,13 @@ def _distance_bound(
     # counted is up to the near face of a line's cells
     gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)
     gaps[0] = 0.0
-    slab = np.empty((max(nx, ny), nz), np.float32)
     # along y within each plane that holds boxes, from a copy of it
     for i in range(nx):
         if plane_used[i]:
-            slab[:ny] = values[i]
-            _lower_lines(values[i], slab, column_used[i], gaps, cap * cap)
+            _lower_lines(values[i], values[i].copy(), column_used[i], gaps, cap * cap)
     # and along x, across all planes
     for j in range(ny):
-        for i in range(nx):
-            slab[i] = values[i, j]
-        _lower_lines(values[:, j], slab, plane_used, gaps, cap * cap)
+        _lower_lines(values[:, j], values[:, j].copy(), plane_used, gaps, cap * cap)
     _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
 
 

@@ -381,7 +381,7 @@ def _grow_planes(
     queue = np.empty(len(means), np.int64)
     most = len(means) // _FEWEST + 1
     found, seeds = np.empty((most, 4, 4)), np.empty(most, np.int64)
-    moments, away = np.empty((4, 4)), np.ones(4)  # away: (1, x, y, z) from the seed
+    away = np.ones(4)  # (1, x, y, z) from the seed
     count = 0
     for seed in order:
         if label[seed] >= 0 or tried[seed]:
@@ -390,6 +390,7 @@ def _grow_planes(
         height, gx, gy = fits[seed, 0], fits[seed, 1], fits[seed, 2]
         if abs(height) > tolerance:
             continue
+        moments = found[count]
         moments[:] = 0.0
         moments[0, 0] = 1.0
         label[seed] = count
@@ -427,7 +428,7 @@ def _grow_planes(
                     height, gx, gy = level, along_x, along_y
         # a small one gives its boxes back, from which none begins again
         if tail >= _FEWEST and _solve_slope(moments)[4]:
-            found[count], seeds[count] = moments, seed
+            seeds[count] = seed
             count += 1
         else:
             for t in range(tail):

@@ -12,10 +12,10 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from html import escape
 from math import isfinite
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -203,7 +203,7 @@ def srdf_of(robot: Robot) -> str:
     """An SRDF that has the same pairs left out."""
     lines = [srdf_line(pair, reason) for pair, reason in robot.allowed_pairs.items()]
     body = "\n".join(f"  {line}" for line in lines)
-    return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'
+    return f'<?xml version="1.0"?>\n<robot name="{escape(robot.name)}">\n{body}\n</robot>\n'
 
 
 def with_open_hands(snapshot: Snapshot, findings: Findings) -> Snapshot:
