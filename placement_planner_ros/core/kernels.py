@@ -7,7 +7,7 @@ after the sources of all kernels, where and when they were written, and numba an
 here imports numba, which looks once at where to keep them.
 
 A number that is written out, or counted from, is of a kind of its own to numba: kernels hand on
-`int(count)` or `np.int64(0)`, or what they call is compiled once more. So are arrays that are
+`int(count)`, `int(np.int64(0))`, or what they call is compiled once more. So are arrays that are
 written into others as a whole, `a[i] = b`: the error that their shapes may differ is put together
 by more code than most kernels have.
 """

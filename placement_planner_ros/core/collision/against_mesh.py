@@ -85,7 +85,7 @@ def mesh_keeps_hull(
             for t in range(meshes.leaves[first], meshes.leaves[first + 1]):
                 # The direction that kept the last triangle away may keep its neighbours away.
                 triangle = (corners, 3 * t, 3 * t + 3)
-                if not sets_keep(triangle, (points, np.int64(0), count), need, work):
+                if not sets_keep(triangle, (points, int(np.int64(0)), count), need, work):
                     return False
         node = _next_node(node)
         if node == 0:
@@ -165,7 +165,7 @@ def meshes_keep(
             for u in range(leaves[leaf], leaves[leaf + 1]):
                 # The direction that kept the last triangle away may keep its neighbours away.
                 triangle = (corners, 3 * u, 3 * u + 3)
-                if not sets_keep(triangle, (room, np.int64(0), np.int64(3)), need, work):
+                if not sets_keep(triangle, (room, int(np.int64(0)), int(np.int64(3))), need, work):
                     return False
     # No triangles are near: each component lies inside the other mesh or outside, as a point of it.
     for c in range(meshes.first_component[two], meshes.first_component[two + 1]):

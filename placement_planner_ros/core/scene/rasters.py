@@ -145,10 +145,10 @@ def hand_on_nearest(elements: Array, entering: Index, near: Field, who: Index32)
             rows[i] = columns[j] = True
     if not rows.any():
         return
-    _hand_to_rows(fields, np.int64(0), near, who, rows, columns)
+    _hand_to_rows(fields, int(np.int64(0)), near, who, rows, columns)
     # the same with the axes exchanged
     near_across, who_across = near.T.copy(), who.T.copy()
-    _hand_to_rows(fields, np.int64(1), near_across, who_across, columns, rows)
+    _hand_to_rows(fields, int(np.int64(1)), near_across, who_across, columns, rows)
     for i in range(nx):
         for j in range(ny):
             near[i, j], who[i, j] = near_across[j, i], who_across[j, i]
