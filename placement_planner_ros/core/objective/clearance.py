@@ -26,11 +26,11 @@ class Clearance:
 
     def __init__(self, context: ObjectiveContext, sign: float = 1.0) -> None:
         self._environment = context.environment
-        self._inclines = context.environment.inclines
         self._standing = SupportingFaces(context) if context.body.faces else None
         self._points = context.body.volume_points
         self._some_points = thinned_points(self._points, 300)
         self._few_points = thinned_points(self._points, 40)
+        self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
         self._sign = sign
         self._envelopes: dict[tuple[int, float], ClearanceField] = {}
 
@@ -63,11 +63,10 @@ class Clearance:
         """(n,) what sign · C does not exceed: within a plane heights above it stay the same, and a
         mean changes by no more than its points move."""
         # What it is at the middle of each range, and how far points move from there.
-        radii = self._radii(ranges)
-        moved = ranges.shift + ranges.chord * radii
+        moved = ranges.shift + ranges.chord * self._radii(ranges)
         values = np.empty(len(moved))
-        # Where all points move by more than a few are off, these tell as much.
-        far = rough & (moved > 0.2 * radii)
+        # Where points move by more than a few of them are off, these tell as much.
+        far = rough & (moved > 0.1 * self._size)
         near = self._some_points if rough else self._points
         for rows, points in (far, self._few_points), (~far, near):
             values[rows] = self._clearance(ranges.T[rows], points, sign=sign)[0]
@@ -91,7 +90,7 @@ class Clearance:
     @property
     def _fields(self) -> list[ClearanceField]:
         """That of level ground, then that of each incline."""
-        return [self._environment.clearance, *(each.clearance for each in self._inclines)]
+        return [self._environment.clearance, *(one.clearance for one in self._environment.inclines)]
 
     def _field(self, k: int, sign: float) -> ClearanceField:
         """One of them; where there is a sign, what sign · d_S is nowhere above."""
@@ -105,22 +104,23 @@ class Clearance:
         """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
         stands on; with a sign, what sign · C is not above."""
         # Without inclines one field tells all.
-        if not self._inclines or self._standing is None:
+        if not self._environment.inclines or self._standing is None:
             return self._field(0, sign).mean_clearance(T, points, slopes)
         stands_on = self._standing.at(T).slope
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         # Poses on one incline are looked up in its field, with its slope taken out.
         for k in np.unique(stands_on):
             rows = stands_on == k
-            poses = self._inclines[k - 1].sheared(T[rows]) if k > 0 else T[rows]
+            poses = self._environment.inclines[k - 1].sheared(T[rows]) if k > 0 else T[rows]
             field = self._field(int(k), sign)
             values[rows], gradients[rows] = field.mean_clearance(poses, points, slopes)
         return values, gradients
 
 
 def thinned_points(points: Array, number: int) -> Array:
-    """Some of the (n, 3) voxel centres, spread evenly, so many or up to twice that if there are."""
+    """Some of the (n, 3) voxel centres, spread evenly, at least so many if there are."""
     # Keep a share by a sum of the grid indices whose factors spread them along all three axes.
-    share = next((s for s in (64, 32, 16, 8, 4, 2) if len(points) >= number * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
-    return np.asarray(points[(index[0] + 27 * index[1] + 23 * index[2]) % share == 0])
+    place = index[0] + 27 * index[1] + 23 * index[2]
+    some = (np.asarray(points[place % share == 0]) for share in (64, 32, 16, 8, 4, 2))
+    return next((kept for kept in some if len(kept) >= number), points)
