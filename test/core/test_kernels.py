@@ -24,7 +24,7 @@ PLACE = (
     "import numba\n"
     "print(numba.config.CACHE_DIR)"
 )
-NUMBERS = {"acos", "atan2", "cos", "floor", "float32", "isfinite", "isnan", "log", "sin", "sqrt"}
+NUMBERS = set("acos atan2 cos floor float32 int64 isfinite isnan log sin sqrt".split())
 NUMBERS |= {"reshape", "searchsorted", "sum"}
 """What kernels may call of numpy and of arrays that makes no array."""
 SAYING = "from placement_planner_ros.core.disk_cache import TROUBLES\nTROUBLES.listen(print)\n"
