@@ -24,7 +24,8 @@ PLACE = (
     "import numba\n"
     "print(numba.config.CACHE_DIR)"
 )
-NUMBERS = set("acos atan2 cos floor float32 int64 isfinite isnan log sin sqrt".split())
+CASTS = {"float32", "int64"}
+NUMBERS = CASTS | {"acos", "atan2", "cos", "floor", "isfinite", "isnan", "log", "sin", "sqrt"}
 NUMBERS |= {"reshape", "searchsorted", "sum"}
 """What kernels may call of numpy and of arrays that makes no array."""
 SAYING = "from placement_planner_ros.core.disk_cache import TROUBLES\nTROUBLES.listen(print)\n"
@@ -159,9 +160,8 @@ def test_kernels_that_count_no_references_make_no_arrays():
     seen = 0
     for path in PACKAGE.rglob("*.py"):
         for kernel in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(kernel, ast.FunctionDef):
-                continue
-            if not any("Uncounted" in ast.unparse(each) for each in kernel.decorator_list):
+            decorators = getattr(kernel, "decorator_list", ())
+            if not any("Uncounted" in ast.unparse(each) for each in decorators):
                 continue
             seen += 1
             calls = [each.func for each in ast.walk(kernel) if isinstance(each, ast.Call)]
