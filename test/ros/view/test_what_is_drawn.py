@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from unittest.mock import MagicMock
 
 import numpy as np
 import pinocchio as pin
@@ -102,3 +103,18 @@ def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback)
         assert all(abs(value - other.positions[n]) < 0.02 for n, value in one.positions.items())
         gap = one.T_world_object.translation - other.T_world_object.translation
         assert np.abs(gap).max() < 0.02
+
+
+def test_a_press_of_play_counts_for_what_is_shown_at_the_next_look():
+    panel = pytest.importorskip("placement_planner_ros.view.panel", reason="viser is not installed")
+    server = MagicMock()
+    server.gui.add_slider.return_value.value = 0.0
+    shown = panel.Panel(server, lambda *_: None)
+    press = server.gui.add_button.return_value.on_click.call_args.args[0]
+    press(None)
+    shown.rewind(2.0)  # another motion comes meanwhile
+    shown.advance(0.5, 2.0)
+    assert (shown.playing, shown.time) == (True, 0.5)
+    press(None)
+    shown.advance(0.5, 2.0)
+    assert (shown.playing, shown.time) == (False, 0.5)
