@@ -28,13 +28,12 @@ from placement_planner_ros.core.search.climbers import Climbers
 from placement_planner_ros.core.search.expected_improvement import (
     DEEPEST,
     GRADED_CELL,
-    LACKING,
     NOT_FREE,
     TRY_SAMPLES,
     ImprovementModel,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.pruning import CellBounds, Ruling
+from placement_planner_ros.core.search.pruning import CellBounds
 from placement_planner_ros.core.search.sampler import (
     BatchSampler,
     Draws,
@@ -77,7 +76,7 @@ class OptimisticSampler(BatchSampler):
     Args:
         checker: checks samples.
         rng: draws poses within cells.
-        bounds: tell which cells hold nothing; None: none is known to.
+        bounds: tell what ξ is at most in a cell; None: nothing is known.
     """
 
     def __init__(
@@ -126,7 +125,7 @@ class OptimisticSampler(BatchSampler):
         self._waiting = [each for each in self._waiting if each[0] > best]
         left = self._settings.uniform_first - self.count.samples
         early = left > 0 or (best == -np.inf and self._waiting)
-        parts = np.empty(0, dtype=GRADED_CELL) if early else self._open_parts(best)
+        parts = np.empty(0, dtype=GRADED_CELL) if early else self._parts(best)
         # A placement takes as long as some thousands of samples: once there is one, the rest of the
         # grading is one batch.
         count = max(self._budget.batch, len(parts), left if best > -np.inf else 0)
@@ -233,27 +232,9 @@ class OptimisticSampler(BatchSampler):
         cells["kind"], cells["value"], cells["scale"] = NOT_FREE, self._model.mean, -1
         return cells
 
-    def _open_parts(self, best: float) -> Cells:
-        """The parts (n,) of the most promising cells that may hold a goal.
-
-        Where the cell's sample was free of collision bounds hardly rule parts out.
-        """
-        parts = halved_cells(self._take(best))
-        parts["depth"] = np.minimum(parts["depth"] + 1, DEEPEST)
-        parts["coarse"] = -1
-        # Only where the sample was outside, unsupported or in collision.
-        is_open = parts["kind"] >= LACKING
-        rows = np.flatnonzero(~is_open)
-        if self._bounds is None or not len(rows):
-            return parts
-        rows = rows[self._bounds.rulings(parts[rows]) == Ruling.OPEN]
-        if best > -np.inf and self._bounds.bounded:
-            rows = rows[self._bounds.most(parts[rows], rough=True) > best]
-        is_open[rows] = True
-        return np.asarray(parts[is_open])
-
-    def _take(self, best: float) -> Cells:
-        """Remove the most promising cells (n,) from those that are filed; each is a node now."""
+    def _parts(self, best: float) -> Cells:
+        """The parts (n,) of the most promising cells, which are filed no longer; each of these is a
+        node now."""
         # Rank anew where something was placed, or the samples have doubled.
         if self.count.samples > 2 * self._ranked_at or best != self._ranked_for:
             self._ranked_for, self._ranked_at = best, self.count.samples
@@ -274,7 +255,9 @@ class OptimisticSampler(BatchSampler):
                 taken.append(row)
         cells = self._filed[taken]
         cells["node"] = self._model.add_nodes(cells["node"])
-        return cells
+        parts = halved_cells(cells)
+        parts["depth"], parts["coarse"] = np.minimum(parts["depth"] + 1, DEEPEST), -1
+        return parts
 
     def _file(self, cells: Cells) -> None:
         """Remember cells (n,) with what is known of them, in place of those that promise least."""

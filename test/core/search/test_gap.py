@@ -9,6 +9,7 @@ from helpers.tilts import tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.clearance import thinned_points
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import bisected_cells
@@ -69,8 +70,19 @@ def test_no_pose_of_a_cell_exceeds_its_bound(problem, cells, name):
     values = planner._objective.values(cells[1].reshape(-1, 4, 4)).reshape(len(cells[0]), -1)
     most = planner._bounds.most(cells[0])
     assert (values.max(axis=1) <= most).all()
+    rough = planner._bounds.most(cells[0], rough=True)
+    assert (values.max(axis=1) <= rough + 0.02).all(), "estimates are off by 20 mm at most"
     small = slice(-60, None)  # of some millimetres and degrees
     assert name == "weighted" or np.median(most[small] - values[small].max(axis=1)) < 0.02
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 300), (300, 1, 1), (2, 80, 1), (12, 12, 12), (3, 3, 3)])
+def test_few_of_the_points_are_so_many_and_spread(shape):
+    points = 0.005 * np.indices(shape).reshape(3, -1).T
+    some, size = thinned_points(points, 40), 0.005 * np.array(shape)
+    assert min(len(points), 40) <= len(some) <= max(len(points) // 2, 40)
+    assert (np.abs(some.mean(axis=0) - points.mean(axis=0)) <= 0.05 * size).all()
+    assert (np.abs(some.std(axis=0) - points.std(axis=0)) <= 0.1 * size).all()
 
 
 def test_a_cell_in_which_all_collides_holds_no_free_pose(problem, cells):

@@ -10,7 +10,6 @@ from placement_planner_ros.core.search.expected_improvement import GRADED_CELL, 
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode, HierarchySettings
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
-from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import FULL_TURN, Goal, Verdict
@@ -276,33 +275,10 @@ def test_blocked_climbers_wander_where_it_is_better_until_a_hand_is_free():
     assert (made.propose(0.0)[3] == np.arange(40) % 2).all(), "of each its own"
 
 
-class LowerHalf:
-    """Rules out the cells that lie beyond y = 0.2."""
-
-    bounded = False
-
-    def rulings(self, cells):
-        return np.where(cells["low"][:, 1] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
-
-
-def test_parts_that_are_ruled_out_are_not_sampled():
-    def parts_beyond(*bounds):
-        made, _ = sampler(OptimisticSampler, bounds=bounds, samples_per_call=6000)
-        made.sample_goals(0.0, never)
-        filed = made._filed[made._worth >= 0.0]
-        return ((filed["depth"] > 0) & (filed["low"][:, 1] >= 0.2)).any()
-
-    assert not parts_beyond(LowerHalf())
-    assert parts_beyond()
-
-
 class BetterInTheLowerHalf:
-    """Rules nothing out; ξ is at most -1 beyond y = 0.2."""
+    """ξ is at most -1 beyond y = 0.2."""
 
     bounded = True
-
-    def rulings(self, cells):
-        return np.full(len(cells), Ruling.OPEN)
 
     def most(self, cells, rough=False):
         return np.where(cells["low"][:, 1] >= 0.2, -1.0, 1.0)
@@ -318,25 +294,6 @@ def test_even_poses_are_drawn_by_what_they_may_add(best, upper):
     # Where nothing may be better all is drawn from still, and any number of poses.
     assert len(checker.contacts) >= 2000
     assert share == pytest.approx(0.08 * upper / (0.09 + 0.08 * upper), abs=0.05 * upper)
-
-
-class NearTheCorner(LowerHalf):
-    """Rules out every part that does not hold one pose near a corner."""
-
-    def rulings(self, cells: np.ndarray) -> np.ndarray:
-        holds = ((cells["low"] <= 0.01) & (cells["high"] >= 0.01)).all(axis=1)
-        return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
-
-
-def test_it_goes_on_where_pruning_leaves_next_to_nothing():
-    """One part of a part is left at most."""
-    checker = CornerChecker()
-    checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)  # so that every part is asked about
-    settings = OptimisticSettings(samples_per_call=5000, goals_per_call=100)
-    afr, rng = hierarchy(min_area=1e-6), np.random.default_rng(0)
-    made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
-    assert made.sample_goals(-1e-9, never) == []
-    assert len(checker.contacts) >= 5000
 
 
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
