@@ -13,11 +13,11 @@ def share_heaps() -> None:
     the first minute and 1,127 MB in the third. rclpy begins two as it is imported.
 
     Arrays of a megabyte and more lie outside of it, for the system to have back once they are gone:
-    else they leave holes between what stays, 20 MB of them in a search. Smaller ones are not given
-    back one by one.
+    else they leave holes between what stays, 20 MB of them in a search. Smaller ones are given back
+    once they come to as much at its end.
     """
     # M_ARENA_MAX, M_MMAP_THRESHOLD and M_TRIM_THRESHOLD of malloc.h
-    for option, value in (-8, 1), (-3, 1_000_000), (-1, 4_000_000):
+    for option, value in (-8, 1), (-3, 1_000_000), (-1, 1_000_000):
         _ask_glibc("mallopt", option, value)
 
 
