@@ -76,12 +76,17 @@ def build_geometry(
             shapes.append(shape)
     # Covers of the meshes that are not convex, each once.
     made: dict[int, CoveredMesh] = {}
+    sheets: list[str] = []
     for name, shape in zip(links, shapes, strict=True):
         if id(shape) in meshes.surfaces and id(shape) not in made:
             mesh = made[id(shape)] = CoveredMesh.of(*meshes.surfaces[id(shape)], cover)
-            sheet = "its mesh is not closed and counts as a sheet without an inside"
-            told = ["" if mesh.cover.closed else sheet, mesh.coarse_in_words]
-            notes += [f"link {name}: {words}" for words in told if words]
+            if not mesh.cover.closed:
+                sheets.append(name)
+            if mesh.coarse_in_words:
+                notes.append(f"link {name}: {mesh.coarse_in_words}")
+    if sheets:
+        of = ", ".join(sheets)
+        notes.append(f"meshes that are not closed count as sheets without an inside: {of}")
     return geometry, tuple(links), tuple(made.get(id(shape)) for shape in shapes), notes
 
 
